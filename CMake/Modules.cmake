@@ -1,0 +1,66 @@
+# The VTK modules, their Python wrapping and the ParaView plugin on top of them.
+set(rimflow_vtk_components CommonCore CommonDataModel CommonExecutionModel CommonMath FiltersGeneral WrappingPythonCore)
+if(RIMFLOW_BUILD_PARAVIEW)
+  find_package(ParaView 5.11 REQUIRED COMPONENTS RemotingCore)
+  # The same VTK that ParaView was built with, and the components that its own config leaves out.
+  find_package(VTK REQUIRED COMPONENTS ${rimflow_vtk_components} FiltersSources IOXML RenderingOpenGL2 TestingRendering InteractionStyle
+    PATHS "${ParaView_DIR}/vtk" NO_DEFAULT_PATH)
+else()
+  find_package(VTK 9.2 REQUIRED COMPONENTS ${rimflow_vtk_components} FiltersSources IOXML)
+endif()
+find_package(Python3 REQUIRED COMPONENTS Interpreter Development.Module)
+
+set(rimflow_python_dir "${CMAKE_INSTALL_LIBDIR}/python${Python3_VERSION_MAJOR}.${Python3_VERSION_MINOR}/site-packages")
+string(REGEX REPLACE "^.*lib" "lib" rimflow_python_build_dir "lib/python${Python3_VERSION_MAJOR}.${Python3_VERSION_MINOR}/site-packages")
+
+# Until the readers land: the module exists as soon as it has a class.
+file(GLOB rimflow_reader_classes "${CMAKE_SOURCE_DIR}/Readers/vtk*.h")
+set(rimflow_module_names RIMFlow::RIMFlowFilters)
+set(rimflow_module_dirs "${CMAKE_SOURCE_DIR}/Filters")
+if(rimflow_reader_classes)
+  list(APPEND rimflow_module_names RIMFlow::RIMFlowReaders)
+  list(APPEND rimflow_module_dirs "${CMAKE_SOURCE_DIR}/Readers")
+endif()
+vtk_module_find_modules(rimflow_module_files ${rimflow_module_dirs})
+vtk_module_scan(
+  MODULE_FILES ${rimflow_module_files}
+  REQUEST_MODULES ${rimflow_module_names}
+  PROVIDES_MODULES rimflow_modules
+  WANT_BY_DEFAULT ON)
+vtk_module_build(
+  MODULES ${rimflow_modules}
+  PACKAGE RIMFlow
+  INSTALL_EXPORT RIMFlow
+  INSTALL_HEADERS ON
+  HEADERS_DESTINATION "${CMAKE_INSTALL_INCLUDEDIR}/rimflow"
+  CMAKE_DESTINATION "${CMAKE_INSTALL_LIBDIR}/cmake/rimflow"
+  LIBRARY_DESTINATION "${CMAKE_INSTALL_LIBDIR}"
+  TARGETS_COMPONENT development)
+# Python: `from rimflow.vtkRIMFlowFilters import vtkQCriterion`
+vtk_module_wrap_python(
+  MODULES ${rimflow_modules}
+  TARGET RIMFlow::PythonWrapped
+  PYTHON_PACKAGE rimflow
+  MODULE_DESTINATION "${rimflow_python_build_dir}"
+  CMAKE_DESTINATION "${CMAKE_INSTALL_LIBDIR}/cmake/rimflow"
+  BUILD_STATIC OFF
+  INSTALL_HEADERS ON)
+add_subdirectory(Python)
+
+if(RIMFLOW_BUILD_PARAVIEW)
+  set(rimflow_plugin_dir "${CMAKE_INSTALL_LIBDIR}/rimflow/plugins")
+  paraview_plugin_scan(
+    PLUGIN_FILES "${CMAKE_SOURCE_DIR}/ServerManager/paraview.plugin"
+    PROVIDES_PLUGINS rimflow_plugins
+    ENABLE_BY_DEFAULT ON
+    HIDE_PLUGINS_FROM_CACHE ON)
+  paraview_plugin_build(
+    PLUGINS ${rimflow_plugins}
+    PLUGINS_FILE_NAME rimflow.xml
+    RUNTIME_DESTINATION "${CMAKE_INSTALL_BINDIR}"
+    LIBRARY_DESTINATION "${CMAKE_INSTALL_LIBDIR}"
+    LIBRARY_SUBDIRECTORY "rimflow/plugins"
+    DISABLE_XML_DOCUMENTATION ON)
+endif()
+
+install(FILES CMake/RIMFlow-config.cmake DESTINATION "${CMAKE_INSTALL_LIBDIR}/cmake/rimflow")
