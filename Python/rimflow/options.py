@@ -1,0 +1,110 @@
+"""The command line of `rimflow process`, checked before anything is computed."""
+import argparse
+import math
+import os
+import re
+
+UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
+
+
+class UsageError(Exception):
+    """What the user gave cannot be used; the text says what was found, what was expected and what to do."""
+
+
+def length(text):
+    """'11.11mm' -> 0.01111 (metres). A plain number is in metres."""
+    match = re.fullmatch(r"\s*([0-9.eE+-]+)\s*([a-z]*)\s*", text)
+    try:
+        value = float(match.group(1)) * UNITS[match.group(2) or "m"]
+    except (AttributeError, KeyError, ValueError):
+        raise argparse.ArgumentTypeError(f"'{text}' is no length: write it like 11.11mm or 0.01111m") from None
+    if not (math.isfinite(value) and value > 0):
+        raise argparse.ArgumentTypeError(f"'{text}' must be greater than zero")
+    if not match.group(2) and value >= 1:
+        raise argparse.ArgumentTypeError(f"'{text}' has no unit and would be {value:g} metres: write {value:g}mm if it is in millimetres")
+    return value
+
+
+def positive(text):
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is no number") from None
+    if not (math.isfinite(value) and value > 0):
+        raise argparse.ArgumentTypeError(f"'{text}' must be greater than zero")
+    return value
+
+
+def direction(text):
+    """'0,1,0' -> (0, 1, 0), any length but zero."""
+    try:
+        values = tuple(float(v) for v in text.split(","))
+    except ValueError:
+        values = ()
+    if len(values) != 3 or not all(map(math.isfinite, values)) or not any(values):
+        raise argparse.ArgumentTypeError(f"'{text}' is no direction: write three numbers like 0,1,0")
+    return values
+
+
+def steps(text):
+    """'a:b:s' -> slice, as Python writes one; 'a' alone is that one snapshot."""
+    parts = text.split(":")
+    try:
+        numbers = [int(p) if p.strip() else None for p in parts]
+    except ValueError:
+        numbers = []
+    if not 1 <= len(numbers) <= 3 or numbers == [None] or (len(numbers) == 3 and numbers[2] == 0):
+        raise argparse.ArgumentTypeError(f"'{text}' is no slice of snapshots: write a:b:s like 0:100:2 (b is not included)")
+    if len(numbers) == 1:
+        return slice(numbers[0], numbers[0] + 1 or None)
+    return slice(*numbers)
+
+
+def parser():
+    p = argparse.ArgumentParser(
+        prog="rimflow process", formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+        description="From the tracks of a Shake-The-Box export to the trajectory of the invisible sphere, and on request the flow around it.",
+        epilog="Lengths take a unit (11.11mm, 0.01111m); everything else is SI. Times are the file's own.")
+    p.add_argument("tracks", nargs="+", metavar="TRACKS", help="track files: one with all snapshots, or one per snapshot")
+    p.add_argument("--out", required=True, metavar="DIR", help="folder for the results; made if it is not there")
+    p.add_argument("--diameter", required=True, type=length, help="of the sphere, with its unit")
+    p.add_argument("--density", type=positive, default=1820.0, help="of the fluid, kg/m3")
+    p.add_argument("--viscosity", type=positive, default=1.1e-6, help="kinematic, of the fluid, m2/s")
+    p.add_argument("--body-density", type=positive, default=1190.0, help="of the sphere, kg/m3")
+    p.add_argument("--spacing", type=length, default=None, help="of the grid for the fields; default: from the particle density")
+    p.add_argument("--up", type=direction, default=(0.0, 1.0, 0.0), help="against gravity")
+    p.add_argument("--steps", type=steps, default=slice(None), metavar="a:b:s", help="slice of snapshot indices (default: all)")
+    p.add_argument("--method", choices=("likelihood", "published"), default="likelihood",
+                   help="how the sphere is found: the void likelihood, or the cost function as published (slower: it needs the flow field)")
+    p.add_argument("--fields", choices=("none", "vti"), default="none",
+                   help="vti: also reconstruct the flow and write Velocity, MaterialAcceleration, Vorticity, QCriterion and Mask per snapshot")
+    p.add_argument("--frame-period", type=positive, default=None, help="seconds between snapshots, where the files give no time")
+    p.add_argument("--ranks", type=int, default=1, help="processes (MPI) that share the snapshots")
+    p.add_argument("--resume", action="store_true", help="go on with an interrupted run in the same folder")
+    p.add_argument("--images", action="store_true", help="also draw the sphere with its tracks and vortices (PNG)")
+    return p
+
+
+def parse(arguments):
+    """Options from the command line; raises UsageError with a message for the user."""
+    options = parser().parse_args(arguments)
+    missing = [f for f in options.tracks if not os.path.isfile(f)]
+    if missing:
+        raise UsageError(f"{len(missing)} of {len(options.tracks)} track files cannot be found, the first is {missing[0]}")
+    if options.ranks < 1:
+        raise UsageError(f"--ranks is {options.ranks}; it must be 1 or more")
+    if os.path.exists(options.out) and not os.path.isdir(options.out):
+        raise UsageError(f"--out is {options.out}, which is a file; name a folder")
+    options.tracks = [os.path.abspath(f) for f in options.tracks]
+    options.out = os.path.abspath(options.out)
+    return options
+
+
+def settings(options):
+    """What decides the results, as it stands in run.json; a resumed run must have the same."""
+    return {
+        "tracks": options.tracks, "diameter_m": options.diameter, "density_kg_m3": options.density,
+        "viscosity_m2_s": options.viscosity, "body_density_kg_m3": options.body_density, "spacing_m": options.spacing,
+        "up": list(options.up), "steps": [options.steps.start, options.steps.stop, options.steps.step],
+        "method": options.method, "fields": options.fields, "frame_period_s": options.frame_period,
+    }
