@@ -1,0 +1,252 @@
+"""`rimflow process`: tracks in, the sphere's trajectory and the flow around it out. Runs under pvbatch, alone or with MPI.
+
+Three passes, each over this rank's contiguous share of the snapshots:
+1. every snapshot by itself: find the sphere           -> snapshots/NNNNNN.json (what --resume goes on from)
+2. all snapshots together: smooth the trajectory       -> trajectory.csv
+3. every snapshot with the smoothed sphere: the files  -> sphere/, fields/, report/
+"""
+import json
+import os
+import platform
+import shutil
+import sys
+import time
+import traceback
+from dataclasses import dataclass
+
+import numpy as np
+
+from rimflow import files, options as command_line, pipeline
+from rimflow.options import UsageError
+from rimflow.progress import ProgressBar
+
+FOUND, PREDICTED, LOST = 0, 1, 2
+
+TRAJECTORY_COLUMNS = (
+    "snapshot,time_s,x_m,y_m,z_m,u_m_s,v_m_s,w_m_s,ax_m_s2,ay_m_s2,az_m_s2,cov_xx_m2,cov_yy_m2,cov_zz_m2,cov_xy_m2,cov_yz_m2,cov_xz_m2,"
+    "status,particles_inside,cost,raw_x_m,raw_y_m,raw_z_m").split(",")
+
+
+@dataclass
+class Trajectory:
+    """The smoothed trajectory and what each snapshot said by itself; arrays over the snapshots, SI, NaN where the sphere is lost."""
+    diameter: float
+    snapshot: np.ndarray        # index in the file's series
+    time: np.ndarray
+    status: np.ndarray          # 0 found, 1 predicted, 2 lost
+    centre: np.ndarray          # (n, 3)
+    velocity: np.ndarray        # (n, 3)
+    acceleration: np.ndarray    # (n, 3)
+    covariance: np.ndarray      # (n, 6): xx yy zz xy yz xz, of the smoothed centre
+    velocity_sigma: np.ndarray  # (n, 3)
+    raw: np.ndarray             # (n, 3), the single-snapshot estimate
+    raw_sigma: np.ndarray       # (n, 3)
+    particles_inside: np.ndarray
+    cost: np.ndarray
+
+    @property
+    def sigma(self):
+        return np.sqrt(self.covariance[:, :3])
+
+
+def main(arguments):
+    """Runs the command; returns the exit status."""
+    ranks = pipeline.Ranks()
+    try:
+        options = command_line.parse(arguments)
+        Run(options, ranks).execute()
+        return 0
+    except SystemExit as error:  # argparse has printed its message
+        return int(error.code or 0)
+    except UsageError as error:
+        if ranks.first:
+            print(f"rimflow process: {error}", file=sys.stderr)
+        return 2
+    except OSError as error:
+        print(f"rimflow process: {error.strerror or error}: {error.filename or ''}", file=sys.stderr)
+        return 1
+
+
+class Run:
+    def __init__(self, options, ranks):
+        self.options, self.ranks = options, ranks
+        self.started, self.clock = time.strftime("%Y-%m-%d %H:%M:%S"), time.monotonic()
+        self.chain = pipeline.Chain(options)
+        self.times = self.chain.times()
+        self.selected = list(range(len(self.times)))[options.steps]
+        if not self.selected:
+            raise UsageError(f"--steps selects none of the {len(self.times)} snapshots in {options.tracks[0]}")
+        self.selected.sort()
+        self.mine = ranks.share(self.selected)
+        self.timings = {}
+
+    def execute(self):
+        if self.ranks.first:
+            self.prepare_folder()
+        self.ranks.wait()
+        self.timed("locate", self.locate)
+        trajectory = self.timed("smooth", self.smooth)
+        self.timed("write", lambda: self.write(trajectory))
+        if self.ranks.first:
+            self.finish(trajectory)
+
+    def timed(self, name, step):
+        start = time.monotonic()
+        result = step()
+        self.ranks.wait()
+        self.timings[f"{name}_s"] = round(time.monotonic() - start, 3)
+        return result
+
+    # Folder ------------------------------------------------------------------------------------------------------
+
+    def path(self, *names):
+        return os.path.join(self.options.out, *names)
+
+    def record_path(self, k):
+        return self.path("snapshots", f"{k:06d}.json")
+
+    def prepare_folder(self):
+        """A fresh folder, or the one of the interrupted run when it was made with the same settings."""
+        os.makedirs(self.options.out, exist_ok=True)
+        settings = command_line.settings(self.options)
+        earlier = self.path("settings.json")
+        if self.options.resume and os.path.exists(earlier):
+            with open(earlier, encoding="utf-8") as f:
+                before = json.load(f)
+            changed = sorted(k for k in settings if settings[k] != before.get(k))
+            if changed:
+                raise UsageError(f"{self.options.out} holds a run with other settings ({', '.join(changed)}); "
+                                 "use the same settings with --resume, or leave --resume out to start anew")
+        else:
+            for folder in ("snapshots", "sphere", "fields", "report"):
+                shutil.rmtree(self.path(folder), ignore_errors=True)
+            for name in ("trajectory.csv", "sphere.pvd", "fields.pvd", "run.json", "trajectory.vtp"):
+                if os.path.exists(self.path(name)):
+                    os.remove(self.path(name))
+        for folder in ("snapshots", "sphere", "report") + (("fields",) if self.options.fields != "none" else ()):
+            os.makedirs(self.path(folder), exist_ok=True)
+        files.write_json(earlier, settings)
+
+    # Passes ------------------------------------------------------------------------------------------------------
+
+    def locate(self):
+        bar = ProgressBar("sphere", len(self.mine)) if self.ranks.first else None
+        for done, k in enumerate(self.mine):
+            if bar:
+                bar.show(done)
+            if not (self.options.resume and os.path.exists(self.record_path(k))):
+                files.write_json(self.record_path(k), self.attempt(k, lambda: self.chain.locate(self.times[k])))
+        if bar:
+            bar.show(len(self.mine))
+
+    def attempt(self, k, step):
+        """The snapshot's record; a snapshot that fails is a record with the reason, and the run goes on."""
+        start = time.monotonic()
+        try:
+            record = step()
+        except pipeline.PipelineError as error:
+            record = {"status": LOST, "status_text": str(error), "failed": True}
+        return {"snapshot": k, "time_s": self.times[k], "seconds": round(time.monotonic() - start, 4), **record}
+
+    def smooth(self):
+        records = []
+        for k in self.selected:
+            with open(self.record_path(k), encoding="utf-8") as f:
+                records.append(json.load(f))
+        self.records = records
+        trajectory = smooth(records, self.options.diameter)
+        if self.ranks.first:
+            files.write_csv(self.path("trajectory.csv"), TRAJECTORY_COLUMNS, trajectory_rows(trajectory))
+        return trajectory
+
+    def write(self, trajectory):
+        """The sphere and, on request, the flow of every snapshot of this rank's share."""
+        self.problems = []
+        row_of = {k: i for i, k in enumerate(self.selected)}
+        bar = ProgressBar("fields" if self.options.fields != "none" else "files", len(self.mine)) if self.ranks.first else None
+        for done, k in enumerate(self.mine):
+            if bar:
+                bar.show(done)
+            body = pipeline.body(trajectory, row_of[k])
+            pipeline.write_polydata(self.path("sphere", f"{k:06d}.vtp"), pipeline.sphere(body))
+            target = self.path("fields", f"{k:06d}.vti")
+            if self.options.fields == "none" or (self.options.resume and os.path.exists(target)):
+                continue
+            try:
+                pipeline.write_image(target, self.chain.fields(self.times[k], body))
+            except pipeline.PipelineError as error:
+                files.write_json(self.path("snapshots", f"{k:06d}.fields-failed.json"), {"snapshot": k, "reason": str(error)})
+        if bar:
+            bar.show(len(self.mine))
+
+    def finish(self, trajectory):
+        """What one rank writes when all the others have written theirs."""
+        from rimflow.report import write_report
+
+        options = self.options
+        files.write_pvd(self.path("sphere.pvd"), [(self.times[k], f"sphere/{k:06d}.vtp") for k in self.selected])
+        pipeline.write_polydata(self.path("trajectory.vtp"), pipeline.polyline(trajectory))
+        problems = [(r["snapshot"], r["status_text"]) for r in self.records if r["status"] == LOST]
+        if options.fields != "none":
+            there = [k for k in self.selected if os.path.exists(self.path("fields", f"{k:06d}.vti"))]
+            files.write_pvd(self.path("fields.pvd"), [(self.times[k], f"fields/{k:06d}.vti") for k in there])
+            for k in sorted(set(self.selected) - set(there)):
+                with open(self.path("snapshots", f"{k:06d}.fields-failed.json"), encoding="utf-8") as f:
+                    problems.append((k, "no fields: " + json.load(f)["reason"]))
+        run = {
+            "settings": command_line.settings(options),
+            "versions": {"rimflow": pipeline.version(), "paraview": pipeline.paraview_version(), "vtk": pipeline.vtk_version(),
+                         "python": platform.python_version(), "numpy": np.__version__},
+            "started": self.started, "seconds": round(time.monotonic() - self.clock, 3), "ranks": self.ranks.count,
+            "timings": self.timings,
+            "snapshots": {"selected": len(self.selected), **{name: int(np.sum(trajectory.status == value))
+                          for name, value in (("found", FOUND), ("predicted", PREDICTED), ("lost", LOST))}},
+            "seconds_per_snapshot": {str(r["snapshot"]): r["seconds"] for r in self.records},
+            "problems": [list(p) for p in problems],
+        }
+        if options.images:
+            from rimflow import images
+
+            images.draw(options.out, trajectory, options.tracks, options.up)
+        write_report(self.path("report"), trajectory, run)
+        files.write_json(self.path("run.json"), run)
+        counts = run["snapshots"]
+        print(f"{counts['selected']} snapshots: {counts['found']} found, {counts['predicted']} predicted, {counts['lost']} lost. "
+              f"See {self.path('report', 'index.html')}")
+        for k, text in problems:
+            print(f"snapshot {k}: {text}", file=sys.stderr)
+
+
+def smooth(records, diameter):
+    """The smoothed trajectory of the per-snapshot records, by the same smoother as in the locator's Trajectory output."""
+    n = len(records)
+    nan = [float("nan")] * 3
+    raw = np.array([r.get("centre_m") or nan for r in records], float).reshape(n, 3)
+    raw_covariance = np.array([r.get("covariance_m2") or [np.nan] * 6 for r in records], float).reshape(n, 6)
+    times = np.array([r["time_s"] for r in records], float)
+    status = np.array([r["status"] for r in records])
+    result = pipeline.smooth(times, raw, raw_covariance, status, diameter)
+    return Trajectory(
+        diameter=diameter, snapshot=np.array([r["snapshot"] for r in records]), time=times, status=result["Status"],
+        centre=result["Centre"], velocity=result["Velocity"], acceleration=result["Acceleration"], covariance=result["Covariance"],
+        velocity_sigma=result["VelocitySigma"], raw=raw, raw_sigma=np.sqrt(raw_covariance[:, :3]),
+        particles_inside=np.array([r.get("particles_inside", -1) for r in records]),
+        cost=np.array([r.get("cost", np.nan) for r in records], float))
+
+
+def trajectory_rows(t):
+    for i in range(len(t.time)):
+        numbers = [*t.centre[i], *t.velocity[i], *t.acceleration[i], *t.covariance[i]]
+        yield [int(t.snapshot[i]), repr(float(t.time[i])), *(f"{v:.10g}" for v in numbers), int(t.status[i]), int(t.particles_inside[i]),
+               f"{t.cost[i]:.10g}", *(f"{v:.10g}" for v in t.raw[i])]
+
+
+if __name__ == "__main__":
+    try:
+        status = main(sys.argv[1:])
+    except Exception:  # a defect of ours: say so, and do not leave the other ranks waiting
+        traceback.print_exc()
+        status = 1
+    sys.stdout.flush()
+    sys.stderr.flush()
+    pipeline.leave(status)
