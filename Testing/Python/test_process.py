@@ -1,0 +1,119 @@
+"""Breaks when `rimflow process` does not find the demo's sphere where it is, when two ranks or a resumed run give other numbers
+than one run, or when bad input ends in anything but a clear message. Run by python3; it starts pvbatch itself."""
+import csv
+import json
+import math
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import unittest
+
+SOURCE = os.environ["RIMFLOW_SOURCE"]
+TRACKS = os.path.join(SOURCE, "Examples", "demo", "sphere.dat.gz")
+DIAMETER = 9.53e-3
+# Examples/demo/README.md
+CENTRE, TIME, VELOCITY = (1.7e-3, 0.0, -0.9e-3), 43.1395, [0.25 * e for e in (-0.0734415, 0.9876883, 0.1381234)]
+
+
+def process(*arguments, ranks=1, tracks=(TRACKS,)):
+    """Runs the command through the launcher's own script, without building again."""
+    script = os.path.join(os.environ["PYTHONPATH"].split(":")[0], "rimflow", "process.py")
+    run = ["pvbatch"] if ranks == 1 else ["mpirun", "--oversubscribe", "-np", str(ranks), "pvbatch", "--sym"]
+    return subprocess.run([*run, script, *tracks, *arguments], capture_output=True, text=True, timeout=500)
+
+
+def rows(folder, name="trajectory.csv"):
+    with open(os.path.join(folder, name), newline="") as f:
+        return [{k: float(v) for k, v in row.items()} for row in csv.DictReader(f)]
+
+
+def error(row, prefix=""):
+    truth = [c + v * (row["time_s"] - TIME) for c, v in zip(CENTRE, VELOCITY)]
+    return math.dist(truth, [row[f"{prefix}{a}_m"] for a in "xyz"]) / DIAMETER
+
+
+class TestProcess(unittest.TestCase):
+    def setUp(self):
+        self.folder = tempfile.mkdtemp(prefix="rimflow-test-")
+        self.addCleanup(shutil.rmtree, self.folder)
+
+    def out(self, name):
+        return os.path.join(self.folder, name)
+
+    def run_demo(self, name, *arguments, ranks=1):
+        result = process("--out", self.out(name), "--diameter", "9.53mm", "--viscosity", "2.3825e-5", *arguments, ranks=ranks)
+        self.assertEqual(result.returncode, 0, result.stderr)
+        return result
+
+    def test_finds_the_sphere_in_every_snapshot_of_the_demo(self):
+        self.run_demo("all")
+        table = rows(self.out("all"))
+        self.assertEqual([r["snapshot"] for r in table], list(range(16)))
+        self.assertEqual({r["status"] for r in table}, {0})
+        self.assertLess(max(error(r) for r in table), 0.03)
+        self.assertLess(sum(error(r) for r in table) / 16, 0.01)
+        self.assertLess(max(error(r, "raw_") for r in table), 0.03)
+        speed = [math.hypot(r["u_m_s"], r["v_m_s"], r["w_m_s"]) for r in table]
+        self.assertLess(max(abs(v - 0.25) for v in speed), 0.01)
+        with open(self.out("all/run.json")) as f:
+            self.assertEqual(json.load(f)["snapshots"]["found"], 16)
+        for name in ("sphere.pvd", "trajectory.vtp", "report/index.html", "report/trajectory.png", "report/motion.png", "report/quality.png"):
+            self.assertGreater(os.path.getsize(self.out(f"all/{name}")), 500, name)
+        self.assertFalse(os.path.exists(self.out("all/fields.pvd")))
+
+    def test_two_ranks_and_a_resumed_run_give_the_numbers_of_one(self):
+        self.run_demo("one", "--steps", "2:8")
+        self.run_demo("two", "--steps", "2:8", ranks=2)
+        shutil.copytree(self.out("one"), self.out("resumed"))
+        for k in (3, 6):
+            os.remove(self.out(f"resumed/snapshots/{k:06d}.json"))
+        os.remove(self.out("resumed/trajectory.csv"))
+        self.run_demo("resumed", "--steps", "2:8", "--resume")
+        one = rows(self.out("one"))
+        self.assertEqual([r["snapshot"] for r in one], list(range(2, 8)))
+        for name in ("two", "resumed"):
+            for a, b in zip(one, rows(self.out(name)), strict=True):
+                for axis in "xyz":
+                    self.assertAlmostEqual(a[f"{axis}_m"], b[f"{axis}_m"], delta=1e-8)
+                    self.assertAlmostEqual(a[f"raw_{axis}_m"], b[f"raw_{axis}_m"], delta=1e-8)
+
+    def test_fields(self):
+        self.run_demo("fields", "--steps", "7:9", "--fields", "vti", "--spacing", "1.5mm")
+        with open(self.out("fields/fields.pvd")) as f:
+            self.assertEqual(f.read().count("<DataSet"), 2)
+        for k in (7, 8):
+            with open(self.out(f"fields/fields/{k:06d}.vti"), "rb") as f:
+                head = f.read(4000).decode("latin-1")
+            for name in ("Velocity", "MaterialAcceleration", "Vorticity", "QCriterion", "Mask"):
+                self.assertIn(f'Name="{name}"', head)
+
+    def test_bad_input_ends_in_a_message_and_writes_nothing(self):
+        empty, text = self.out("empty.dat"), self.out("text.dat")
+        open(empty, "w").close()
+        with open(text, "w") as f:
+            f.write("these are no tracks\n" * 20)
+        for arguments, tracks, expected in (
+                (["--diameter", "9.53"], [TRACKS], "has no unit"),
+                (["--diameter", "-1mm"], [TRACKS], "greater than zero"),
+                (["--diameter", "9.53mm"], [self.out("missing.dat")], "cannot be found"),
+                (["--diameter", "9.53mm", "--steps", "100:"], [TRACKS], "selects none of the 16"),
+                (["--diameter", "9.53mm", "--steps", "a:b"], [TRACKS], "no slice"),
+                (["--diameter", "9.53mm"], [empty], "empty.dat"),
+                (["--diameter", "9.53mm"], [text], "text.dat")):
+            result = process("--out", self.out("bad"), *arguments, tracks=tracks)
+            self.assertNotEqual(result.returncode, 0, arguments)
+            self.assertIn(expected, result.stderr, arguments)
+            self.assertNotIn("Traceback", result.stderr)
+            self.assertFalse(os.path.exists(self.out("bad")))
+
+    def test_resume_refuses_other_settings(self):
+        self.run_demo("run", "--steps", "7")
+        result = process("--out", self.out("run"), "--diameter", "10mm", "--viscosity", "2.3825e-5", "--steps", "7", "--resume")
+        self.assertEqual(result.returncode, 2)
+        self.assertIn("diameter_m", result.stderr)
+
+
+if __name__ == "__main__":
+    unittest.main(verbosity=2)
