@@ -96,7 +96,7 @@ class TestProcess(unittest.TestCase):
             f.write("these are no tracks\n" * 20)
         for arguments, tracks, expected in (
                 (["--diameter", "9.53"], [TRACKS], "has no unit"),
-                (["--diameter", "-1mm"], [TRACKS], "greater than zero"),
+                (["--diameter", "0mm"], [TRACKS], "greater than zero"),
                 (["--diameter", "9.53mm"], [self.out("missing.dat")], "cannot be found"),
                 (["--diameter", "9.53mm", "--steps", "100:"], [TRACKS], "selects none of the 16"),
                 (["--diameter", "9.53mm", "--steps", "a:b"], [TRACKS], "no slice"),
