@@ -36,8 +36,8 @@ Vector3d stokesVelocity(const Vector3d& r, double R, const Vector3d& V, const Ve
 Matrix3d stokesGradient(const Vector3d& r, double R, const Vector3d& V, const Vector3d& W) {
   const double i2 = 1 / r.squaredNorm(), i1 = std::sqrt(i2), a = R * i1, a3 = a * a * a;
   return gradientAlong(V, r, -0.75 * (a + a3) * i2) +
-         gradientRadial(V, r, 0.75 * (a - a3) * i2, (-2.25 * a + 3.75 * a3) * i2 * i2) +
-         a3 * crossMatrix(W) - 3 * a3 * i2 * W.cross(r) * r.transpose();
+         gradientRadial(V, r, 0.75 * (a - a3) * i2, (-2.25 * a + 3.75 * a3) * i2 * i2) + a3 * crossMatrix(W) -
+         3 * a3 * i2 * W.cross(r) * r.transpose();
 }
 
 // Potential of a moving sphere, phi = -R^3 (V.r)/(2 r^3) (Batchelor, section 2.9); u = grad phi:
@@ -128,18 +128,23 @@ Body AnalyticFlow::bodyAt(double t) const {
 }
 
 Vector3d AnalyticFlow::velocity(const Vector3d& x, double t) const {
+  if (hasWall()) {
+    const Body b = bodyAt(t);
+    if (b.contains(x)) return b.velocityAt(x);
+  }
+  return fluidVelocity(x, t);
+}
+
+Vector3d AnalyticFlow::fluidVelocity(const Vector3d& x, double t) const {
   if (kind == FlowKind::TaylorGreen) return TaylorGreen(*this, x, t).velocity();
   if (kind == FlowKind::ABC) return Beltrami(*this, x, t).velocity();
   const Body b = bodyAt(t);
   if (b.diameter <= 0) return Vector3d::Zero();
   const Vector3d r = x - b.centre;
   const double R = 0.5 * b.diameter;
-  const bool inside = r.squaredNorm() < R * R;
-  if (kind == FlowKind::HillsVortex)
-    return inside ? hillInnerVelocity(r, R, b.velocity) : potentialVelocity(r, R, b.velocity);
-  if (inside) return b.velocityAt(x);
-  return kind == FlowKind::StokesSphere ? stokesVelocity(r, R, b.velocity, b.angularVelocity)
-                                        : potentialVelocity(r, R, b.velocity);
+  if (kind == FlowKind::StokesSphere) return stokesVelocity(r, R, b.velocity, b.angularVelocity);
+  if (kind == FlowKind::HillsVortex && r.squaredNorm() < R * R) return hillInnerVelocity(r, R, b.velocity);
+  return potentialVelocity(r, R, b.velocity);
 }
 
 Matrix3d AnalyticFlow::gradient(const Vector3d& x, double t) const {
@@ -169,8 +174,9 @@ Vector3d AnalyticFlow::acceleration(const Vector3d& x, double t) const {
   Vector3d a = G * (u - b.velocity);
   if (!b.acceleration.isZero(0)) {
     const Vector3d r = x - b.centre;
-    a += kind == FlowKind::StokesSphere ? stokesVelocity(r, 0.5 * b.diameter, b.acceleration, Vector3d::Zero())
-                                        : potentialVelocity(r, 0.5 * b.diameter, b.acceleration);
+    a += kind == FlowKind::StokesSphere
+             ? stokesVelocity(r, 0.5 * b.diameter, b.acceleration, Vector3d::Zero())
+             : potentialVelocity(r, 0.5 * b.diameter, b.acceleration);
   }
   return a;
 }
@@ -185,27 +191,36 @@ double AnalyticFlow::pressure(const Vector3d& x, double t) const {
   if (kind == FlowKind::StokesSphere)
     return 1.5 * density * viscosity * R * b.velocity.dot(r) / std::pow(r.norm(), 3);
   const Vector3d u = velocity(x, t);
-  if (kind == FlowKind::HillsVortex && b.contains(x))
-    return density * hillInnerPressure(r, R, b.velocity, u);
+  if (kind == FlowKind::HillsVortex && b.contains(x)) return density * hillInnerPressure(r, R, b.velocity, u);
   return density * potentialPressure(r, R, b.velocity, b.acceleration, u);
 }
 
-double AnalyticFlow::maximumSpeed(double t) const {
+double AnalyticFlow::typicalSpeed(double t) const {
   const Vector3d origin = Vector3d::Zero();
   if (kind == FlowKind::TaylorGreen) return std::abs(TaylorGreen(*this, origin, t).speed);
-  // |u| <= |(A, B, C)| + |(C, A, B)| = 2 sqrt(2) A: each component is one term of either kind.
-  if (kind == FlowKind::ABC) return 2 * std::sqrt(2.) * std::abs(Beltrami(*this, origin, t).A);
+  if (kind == FlowKind::ABC) return std::sqrt(2.) * std::abs(Beltrami(*this, origin, t).A);
   const Body b = bodyAt(t);
-  const double speed = b.velocity.norm() + 0.5 * b.diameter * b.angularVelocity.norm();
-  return b.diameter <= 0 ? 0 : kind == FlowKind::HillsVortex ? 2.5 * speed : speed; // 5/2 V at its centre
+  return b.diameter > 0 ? b.velocity.norm() + 0.5 * b.diameter * b.angularVelocity.norm() : 0;
+}
+
+double AnalyticFlow::maximumSpeed(double t) const {
+  if (kind == FlowKind::HillsVortex) return 2.5 * typicalSpeed(t); // at its centre
+  // Each component of ABC is one term of (A, B, C) and one of (C, A, B), both sqrt(2) A long.
+  if (kind == FlowKind::ABC) return 2 * typicalSpeed(t);
+  return typicalSpeed(t);
 }
 
 double AnalyticFlow::timeScale(const Vector3d& x, double t) const {
-  if (isPeriodic()) return wavelength / (2 * M_PI * maximumSpeed(t));
+  if (isPeriodic()) {
+    const double speed = typicalSpeed(t);
+    return speed > 0 ? wavelength / (2 * M_PI * speed) : std::numeric_limits<double>::infinity();
+  }
   const Body b = bodyAt(t);
   if (b.diameter <= 0) return std::numeric_limits<double>::infinity();
   const double length = std::max((x - b.centre).norm(), 0.5 * b.diameter);
-  return length / (maximumSpeed(t) + std::sqrt(b.acceleration.norm() * length));
+  // Gradients at the wall: 3 V/R in potential flow, 3/2 V/R in Stokes flow.
+  const double factor = kind == FlowKind::PotentialSphere ? 0.5 : 1;
+  return factor * length / (maximumSpeed(t) + std::sqrt(b.acceleration.norm() * length));
 }
 
 } // namespace rimflow

@@ -20,10 +20,10 @@ enum class FlowKind {
 /// The outer (potential) fields have lap u = 0; inside Hill's vortex the viscous term is left out.
 struct AnalyticFlow {
   FlowKind kind = FlowKind::StokesSphere;
-  Body body;                 ///< sphere or vortex at referenceTime; diameter 0: fluid at rest. Acceleration is
-                             ///< constant, and none for Hill's vortex; only Stokes flow follows a rotation
-  double referenceTime = 0;  ///< s
-  double density = 1820;     ///< of the fluid, kg/m3, > 0
+  Body body;                ///< sphere or vortex at referenceTime; diameter 0: fluid at rest. Acceleration is
+                            ///< constant, and none for Hill's vortex; only Stokes flow follows a rotation
+  double referenceTime = 0; ///< s
+  double density = 1820;    ///< of the fluid, kg/m3, > 0
   double viscosity = 1.1e-6; ///< kinematic, m2/s, >= 0
   double amplitude = 0.1;    ///< Taylor-Green, ABC: speed at referenceTime, m/s
   double wavelength = 0.02;  ///< Taylor-Green, ABC: period in space, m, > 0
@@ -38,6 +38,8 @@ struct AnalyticFlow {
 
   /// u(x, t), m/s. Inside a wall: the body's own motion (as for the next three).
   Eigen::Vector3d velocity(const Eigen::Vector3d& x, double t) const;
+  /// The same, but continued smoothly into a wall, for integrators whose stages fall a hair inside.
+  Eigen::Vector3d fluidVelocity(const Eigen::Vector3d& x, double t) const;
   /// G(i, j) = d u_i / d x_j, 1/s.
   Eigen::Matrix3d gradient(const Eigen::Vector3d& x, double t) const;
   /// Du/Dt = du/dt + (u . grad) u, m/s2.
@@ -45,6 +47,8 @@ struct AnalyticFlow {
   /// Dynamic pressure, Pa; 0 at infinity, or on average over a period. 0 inside a wall.
   double pressure(const Eigen::Vector3d& x, double t) const;
 
+  /// The body's speed (with its rotation), Taylor-Green's largest, ABC's root-mean-square speed, m/s.
+  double typicalSpeed(double t) const;
   /// A speed that no fluid exceeds at time t, m/s.
   double maximumSpeed(double t) const;
   /// The time in which what a tracer at x sees changes by its own size, s; infinite where nothing moves.

@@ -15,8 +15,8 @@ namespace {
 using Eigen::Vector3d;
 using Image = std::array<int, 3>; // which copy of a periodic seed box a tracer has moved into
 
-constexpr double StepFraction = 0.05; // Runge-Kutta step in units of the flow's time scale
-constexpr int ShortestGhost = 4;      // snapshots
+constexpr double StepFraction = 0.1; // Runge-Kutta step in units of the flow's time scale
+constexpr int ShortestGhost = 4;     // snapshots
 
 /// Random numbers without a history: each is a function of the indices that lead to it, so that any snapshot
 /// can be asked for first. at(i) is the i-th jump of SplitMix64 (Steele, Lea & Flood 2014).
@@ -34,7 +34,8 @@ public:
   double uniform(std::uint64_t index) const { return (double(at(index).state_ >> 11) + 0.5) * 0x1p-53; }
   /// Three independent standard normal numbers (Box & Muller 1958); uses indices 4 n to 4 n + 3.
   Vector3d normal(std::uint64_t n) const {
-    const double r = std::sqrt(-2 * std::log(uniform(4 * n))), s = std::sqrt(-2 * std::log(uniform(4 * n + 1)));
+    const double r = std::sqrt(-2 * std::log(uniform(4 * n))),
+                 s = std::sqrt(-2 * std::log(uniform(4 * n + 1)));
     const double a = 2 * M_PI * uniform(4 * n + 2), b = 2 * M_PI * uniform(4 * n + 3);
     return {r * std::cos(a), r * std::sin(a), s * std::cos(b)};
   }
@@ -52,10 +53,17 @@ struct Box {
     low = low.cwiseMin(x);
     high = high.cwiseMax(x);
   }
-  double distanceTo(const Vector3d& x) const {
-    return (low - x).cwiseMax(x - high).cwiseMax(0.).norm();
-  }
+  double distanceTo(const Vector3d& x) const { return (low - x).cwiseMax(x - high).cwiseMax(0.).norm(); }
 };
+
+/// x itself, or the nearest place on the wall when x is inside.
+Vector3d outsideWall(const AnalyticFlow& flow, const Vector3d& x, double t) {
+  if (!flow.hasWall()) return x;
+  const Body body = flow.bodyAt(t);
+  const Vector3d r = x - body.centre;
+  const double wall = 0.5 * body.diameter * (1 + 1e-12);
+  return r.squaredNorm() < wall * wall ? Vector3d(body.centre + wall * r.normalized()) : x;
+}
 
 /// Where the tracer that is at x at time t is at time `end`, later or earlier.
 Vector3d carry(const AnalyticFlow& flow, Vector3d x, double t, double end) {
@@ -63,16 +71,11 @@ Vector3d carry(const AnalyticFlow& flow, Vector3d x, double t, double end) {
     const double steps = std::ceil(std::abs(end - t) / (StepFraction * flow.timeScale(x, t)));
     arrived = !(steps > 1);
     const double next = arrived ? end : t + (end - t) / steps, h = next - t, middle = t + 0.5 * h;
-    const Vector3d k1 = flow.velocity(x, t), k2 = flow.velocity(x + 0.5 * h * k1, middle),
-                   k3 = flow.velocity(x + 0.5 * h * k2, middle), k4 = flow.velocity(x + h * k3, next);
-    x += h / 6 * (k1 + 2 * k2 + 2 * k3 + k4);
+    const Vector3d k1 = flow.fluidVelocity(x, t), k2 = flow.fluidVelocity(x + 0.5 * h * k1, middle),
+                   k3 = flow.fluidVelocity(x + 0.5 * h * k2, middle),
+                   k4 = flow.fluidVelocity(x + h * k3, next);
+    x = outsideWall(flow, x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4), next);
     t = next;
-    if (flow.hasWall()) {
-      const Body body = flow.bodyAt(t);
-      const Vector3d r = x - body.centre;
-      const double wall = 0.5 * body.diameter * (1 + 1e-12);
-      if (r.squaredNorm() < wall * wall) x = body.centre + wall * r.normalized();
-    }
   }
   return x;
 }
@@ -153,7 +156,8 @@ struct TrackSynthesis::Implementation {
 
   double time(int k) const { return options.startTime + k * options.framePeriod; }
 
-  // --- seeding -----------------------------------------------------------------------------------------------
+  // --- seeding
+  // -----------------------------------------------------------------------------------------------
 
   /// Everything that is inside the bounds at some time of the period lies in the seed box at its beginning.
   void chooseSeedBox() {
@@ -214,7 +218,8 @@ struct TrackSynthesis::Implementation {
            Vector3d(r.uniform(0), r.uniform(1), r.uniform(2)).cwiseProduct(seedBox.high - seedBox.low);
   }
 
-  // --- what is seen ------------------------------------------------------------------------------------------
+  // --- what is seen
+  // ------------------------------------------------------------------------------------------
 
   /// Brings x back into a periodic seed box, and says by how many periods.
   Image wrap(Vector3d& x) const {
@@ -237,8 +242,7 @@ struct TrackSynthesis::Implementation {
     return least;
   }
   bool isDepleted(std::int64_t tracer) const {
-    return options.wakeDepletion > 0 &&
-           random.at(WakeBranch).at(tracer).uniform(0) < options.wakeDepletion;
+    return options.wakeDepletion > 0 && random.at(WakeBranch).at(tracer).uniform(0) < options.wakeDepletion;
   }
   /// The wake: a cylinder of the sphere's diameter, from its centre backwards.
   bool isInWake(const Vector3d& x, double t) const {
@@ -246,12 +250,12 @@ struct TrackSynthesis::Implementation {
     if (body.diameter <= 0 || body.velocity.isZero(0)) return false;
     const Vector3d r = x - body.centre, e = -body.velocity.normalized();
     const double along = r.dot(e), R = 0.5 * body.diameter;
-    return along > 0 && along < options.wakeLength * body.diameter &&
-           (r - along * e).squaredNorm() < R * R;
+    return along > 0 && along < options.wakeLength * body.diameter && (r - along * e).squaredNorm() < R * R;
   }
   bool isDropped(const RandomTree& dropOut, int k) const { return dropOut.uniform(k) < options.dropOut; }
 
-  // --- trajectories ------------------------------------------------------------------------------------------
+  // --- trajectories
+  // ------------------------------------------------------------------------------------------
 
   /// Place at snapshot k from the last kept place before it.
   Vector3d placeAt(const Vector3d& keptPlace, int k) const {
@@ -309,9 +313,10 @@ struct TrackSynthesis::Implementation {
     }
   }
 
-  // --- rows --------------------------------------------------------------------------------------------------
+  // --- rows
+  // --------------------------------------------------------------------------------------------------
 
-  void addRow(TrackSnapshot& to, bool withTruth, int k, std::int64_t id, std::int64_t tracer,
+  void addRow(SyntheticSnapshot& to, bool withTruth, int k, std::int64_t id, std::int64_t tracer,
               const RandomTree& noise, const Vector3d& x, const Vector3d& u, const Vector3d& a) const {
     const auto noisy = [&](const Vector3d& v, double sigma, int n) -> Vector3d {
       return sigma > 0 ? v + sigma * noise.normal(n) : v;
@@ -328,7 +333,7 @@ struct TrackSynthesis::Implementation {
     to.trueTracerId.push_back(tracer);
   }
 
-  void addTracers(TrackSnapshot& to, bool withTruth, int k, const Chunk& chunk) const {
+  void addTracers(SyntheticSnapshot& to, bool withTruth, int k, const Chunk& chunk) const {
     std::size_t interval = 0;
     for (std::size_t i = 0; i < chunk.tracer.size(); ++i) {
       const Interval* seen = nullptr;
@@ -378,20 +383,18 @@ struct TrackSynthesis::Implementation {
       const int k = int(std::int64_t(s) * options.snapshots / samples);
       double fluid = bounds.volume();
       const Body body = options.flow.bodyAt(time(k));
-      if (options.flow.hasWall() && depth(body.centre) > 0)
-        fluid -= M_PI / 6 * std::pow(body.diameter, 3);
+      if (options.flow.hasWall() && depth(body.centre) > 0) fluid -= M_PI / 6 * std::pow(body.diameter, 3);
       ghostRows += options.density * fluid * seenFraction(k) / samples;
     }
     ghostRows *= options.ghostFraction / (1 - options.ghostFraction);
   }
 
   /// Each slot holds one ghost track after another.
-  void addGhosts(TrackSnapshot& to, bool withTruth, int k) const {
+  void addGhosts(SyntheticSnapshot& to, bool withTruth, int k) const {
     const auto slots = std::int64_t(std::ceil(ghostRows));
     const int shortest = std::max(ShortestGhost, minimumLength);
     const AnalyticFlow& flow = options.flow;
-    const double speed = flow.kind == FlowKind::HillsVortex ? flow.maximumSpeed(time(k)) / 2.5
-                                                            : flow.maximumSpeed(time(k));
+    const double speed = flow.typicalSpeed(time(k));
     const double size = flow.isPeriodic() ? flow.wavelength / 2 : flow.body.diameter;
     const double strength = size > 0 ? 0.15 * speed * speed / size : 0;
     for (std::int64_t slot = 0; slot < slots; ++slot) {
@@ -425,6 +428,8 @@ struct TrackSynthesis::Implementation {
 
 TrackSynthesis::TrackSynthesis() : implementation_(std::make_unique<Implementation>()) {}
 TrackSynthesis::~TrackSynthesis() = default;
+TrackSynthesis::TrackSynthesis(TrackSynthesis&&) noexcept = default;
+TrackSynthesis& TrackSynthesis::operator=(TrackSynthesis&&) noexcept = default;
 
 bool TrackSynthesis::prepare(const TrackSynthesisOptions& options, const Progress& progress) {
   check(options);
@@ -473,19 +478,19 @@ bool TrackSynthesis::prepare(const TrackSynthesisOptions& options, const Progres
   return true;
 }
 
-TrackSnapshot TrackSynthesis::snapshot(int k, bool withTruth) const {
+SyntheticSnapshot TrackSynthesis::snapshot(int k, bool withTruth) const {
   const Implementation& all = *implementation_;
   if (k < 0 || k >= all.options.snapshots)
     throw std::out_of_range("There is no snapshot " + std::to_string(k) + ": choose from 0 to " +
                             std::to_string(all.options.snapshots - 1) + ".");
   const auto count = std::int64_t(all.chunks.size());
-  std::vector<TrackSnapshot> parts(count + 1);
+  std::vector<SyntheticSnapshot> parts(count + 1);
 #pragma omp parallel for schedule(dynamic)
   for (std::int64_t c = 0; c < count; ++c) all.addTracers(parts[c], withTruth, k, all.chunks[c]);
   all.addGhosts(parts[count], withTruth, k);
 
-  TrackSnapshot rows;
-  for (TrackSnapshot& part : parts) {
+  SyntheticSnapshot rows;
+  for (SyntheticSnapshot& part : parts) {
     append(rows.position, part.position);
     append(rows.velocity, part.velocity);
     append(rows.acceleration, part.acceleration);

@@ -136,8 +136,7 @@ TEST(AnalyticFlows, PressureBalancesMomentum) {
           laplacian +=
               difference([&](const Vector3d& y) -> Vector3d { return flow.gradient(y, Now).col(j); }, x, j);
       }
-      const Vector3d expected =
-          -flow.density * (flow.acceleration(x, Now) - flow.viscosity * laplacian);
+      const Vector3d expected = -flow.density * (flow.acceleration(x, Now) - flow.viscosity * laplacian);
       EXPECT_LT((gradient - expected).norm(), 1e-6 * scale);
     }
   }
@@ -169,7 +168,8 @@ TEST(AnalyticFlows, StokesDragIs6PiMuRV) {
       const Vector3d normal(s * std::cos(phi), s * std::sin(phi), z);
       const Vector3d x = body.centre + R * (1 + 1e-12) * normal;
       const Matrix3d G = flow.gradient(x, Now);
-      force += 4 * M_PI * R * R / (n * n) * (-flow.pressure(x, Now) * normal + mu * (G + G.transpose()) * normal);
+      force +=
+          4 * M_PI * R * R / (n * n) * (-flow.pressure(x, Now) * normal + mu * (G + G.transpose()) * normal);
     }
   EXPECT_LT((force + 6 * M_PI * mu * R * V).norm(), 1e-4 * 6 * M_PI * mu * R * Speed);
 }
