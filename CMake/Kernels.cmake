@@ -3,6 +3,8 @@ find_package(Eigen3 3.4 REQUIRED NO_MODULE)
 find_package(OpenMP REQUIRED COMPONENTS CXX)
 
 add_library(rimflow_kernels STATIC
+  Readers/AnalyticFlows.cxx
+  Readers/TrackSynthesis.cxx
   Filters/Vortices/QCriterionKernel.cxx
 )
 target_include_directories(rimflow_kernels PUBLIC
