@@ -5,6 +5,7 @@ find_package(OpenMP REQUIRED COMPONENTS CXX)
 add_library(rimflow_kernels STATIC
   Readers/AnalyticFlows.cxx
   Readers/TrackSynthesis.cxx
+  Filters/Locator/TrajectorySmoother.cxx
   Filters/Vortices/QCriterionKernel.cxx
 )
 target_include_directories(rimflow_kernels PUBLIC
@@ -19,4 +20,5 @@ target_link_libraries(rimflow_kernels PUBLIC Eigen3::Eigen OpenMP::OpenMP_CXX)
 if(RIMFLOW_NATIVE)
   target_compile_options(rimflow_kernels PUBLIC -march=native)
 endif()
-target_compile_options(rimflow_kernels PRIVATE -Wall -Wextra -fno-math-errno -fno-trapping-math)
+# -Wno-maybe-uninitialized: GCC 12 warns of its own AVX-512 intrinsics.
+target_compile_options(rimflow_kernels PRIVATE -Wall -Wextra -Wno-maybe-uninitialized -fno-math-errno -fno-trapping-math)

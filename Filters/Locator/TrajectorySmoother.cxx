@@ -1,0 +1,339 @@
+#include "TrajectorySmoother.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <numeric>
+#include <stdexcept>
+#include <string>
+
+namespace rimflow {
+namespace {
+
+// The state: centre, velocity, acceleration, and the correlated part b of the estimates' error; three of
+// each.
+using State = Eigen::Matrix<double, 12, 1>;
+using StateMatrix = Eigen::Matrix<double, 12, 12>;
+enum Part { Centre = 0, Velocity = 3, Acceleration = 6, Correlated = 9 };
+
+struct Parameters {
+  double jerkIntensity = 1, correlatedFraction = 0, correlationTime = 1, inflation = 1;
+};
+
+/// F(dt): constant acceleration, and b decays as exp(-dt/T).
+StateMatrix transition(double dt, const Parameters& p) {
+  StateMatrix f = StateMatrix::Identity();
+  for (int i = 0; i < 3; ++i) {
+    f(Centre + i, Velocity + i) = f(Velocity + i, Acceleration + i) = dt;
+    f(Centre + i, Acceleration + i) = 0.5 * dt * dt;
+    f(Correlated + i, Correlated + i) = std::exp(-dt / p.correlationTime);
+  }
+  return f;
+}
+
+/// Q(dt): white jerk of spectral density q, integrated; and what keeps b stationary.
+StateMatrix processNoise(double dt, const Parameters& p, const Eigen::Matrix3d& stationary) {
+  const double q = p.jerkIntensity, d2 = dt * dt, d3 = d2 * dt, d4 = d2 * d2, d5 = d4 * dt;
+  StateMatrix noise = StateMatrix::Zero();
+  for (int i = 0; i < 3; ++i) {
+    noise(Centre + i, Centre + i) = q * d5 / 20;
+    noise(Velocity + i, Velocity + i) = q * d3 / 3;
+    noise(Acceleration + i, Acceleration + i) = q * dt;
+    noise(Centre + i, Velocity + i) = noise(Velocity + i, Centre + i) = q * d4 / 8;
+    noise(Centre + i, Acceleration + i) = noise(Acceleration + i, Centre + i) = q * d3 / 6;
+    noise(Velocity + i, Acceleration + i) = noise(Acceleration + i, Velocity + i) = q * d2 / 2;
+  }
+  noise.block<3, 3>(Correlated, Correlated) = (1 - std::exp(-2 * dt / p.correlationTime)) * stationary;
+  return noise;
+}
+
+struct Gaussian {
+  State mean;
+  StateMatrix covariance;
+};
+
+/// The estimates in the order of time, and how they are filtered and smoothed for given parameters.
+class Smoother {
+public:
+  Smoother(const std::vector<CentreEstimate>& estimates, const SmootherOptions& options)
+      : options_(options), sorted_(estimates) {
+    std::stable_sort(sorted_.begin(), sorted_.end(),
+                     [](const CentreEstimate& a, const CentreEstimate& b) { return a.time < b.time; });
+    used_.resize(sorted_.size());
+    for (std::size_t k = 0; k < sorted_.size(); ++k) used_[k] = sorted_[k].found;
+    refresh();
+  }
+
+  int count() const { return count_; }
+  const std::vector<bool>& used() const { return used_; }
+  double duration() const { return sorted_.back().time - sorted_.front().time; }
+  double shortestStep() const {
+    double step = std::numeric_limits<double>::infinity();
+    for (std::size_t k = 1; k < sorted_.size(); ++k)
+      if (sorted_[k].time > sorted_[k - 1].time) step = std::min(step, sorted_[k].time - sorted_[k - 1].time);
+    return std::isfinite(step) ? step : 1;
+  }
+
+  /// Twice the negative logarithm of the likelihood of the innovations; chiSquared: their sum of squares.
+  double filter(const Parameters& p, double* chiSquared = nullptr) {
+    filtered_.resize(sorted_.size());
+    predicted_.resize(sorted_.size());
+    transitions_.resize(sorted_.size());
+    double deviance = 0, chi = 0;
+    Gaussian now = prior(p);
+    for (std::size_t k = 0; k < sorted_.size(); ++k) {
+      if (k > 0) {
+        const double dt = sorted_[k].time - sorted_[k - 1].time;
+        transitions_[k] = transition(dt, p);
+        now.mean = transitions_[k] * now.mean;
+        now.covariance = transitions_[k] * now.covariance * transitions_[k].transpose() +
+                         processNoise(dt, p, correlatedCovariance(p));
+      }
+      predicted_[k] = now;
+      if (used_[k]) {
+        const Innovation i = innovation(now, sorted_[k], p);
+        const double square = i.difference.dot(i.solver.solve(i.difference));
+        deviance += square + 2 * i.solver.matrixL().toDenseMatrix().diagonal().array().log().sum();
+        chi += square;
+        const Eigen::Matrix<double, 12, 3> gain = i.solver.solve(i.cross.transpose()).transpose();
+        now.mean += gain * i.difference;
+        now.covariance -= gain * i.cross.transpose();
+        now.covariance = 0.5 * (now.covariance + now.covariance.transpose()).eval();
+      }
+      filtered_[k] = now;
+    }
+    if (chiSquared) *chiSquared = chi;
+    return deviance;
+  }
+
+  /// Backwards through what filter() left.
+  std::vector<Gaussian> smooth(const Parameters& p) {
+    filter(p);
+    std::vector<Gaussian> smoothed = filtered_;
+    for (std::size_t k = sorted_.size() - 1; k-- > 0;) {
+      const StateMatrix back = predicted_[k + 1]
+                                   .covariance.ldlt()
+                                   .solve(transitions_[k + 1] * filtered_[k].covariance)
+                                   .transpose();
+      smoothed[k].mean += back * (smoothed[k + 1].mean - predicted_[k + 1].mean);
+      smoothed[k].covariance +=
+          back * (smoothed[k + 1].covariance - predicted_[k + 1].covariance) * back.transpose();
+    }
+    return smoothed;
+  }
+
+  /// Leaves out the estimate that is farthest from the path through all others, if it is too far. False:
+  /// none.
+  bool rejectWorst(const Parameters& p) {
+    const std::vector<Gaussian> smoothed = smooth(p);
+    double worst = options_.rejectionChiSquared;
+    std::size_t which = sorted_.size();
+    for (std::size_t k = 0; k < sorted_.size(); ++k) {
+      if (!used_[k]) continue;
+      // The residual z - H x has the covariance R - H P H^T: from it the distance to the path without
+      // estimate k.
+      const Innovation i = innovation(smoothed[k], sorted_[k], p);
+      const Eigen::Matrix3d white = whiteCovariance(sorted_[k], p);
+      const Eigen::Matrix3d residual = 2 * white - i.solver.reconstructedMatrix(); // R - (S - R)
+      const Eigen::LLT<Eigen::Matrix3d> solver(residual);
+      if (solver.info() != Eigen::Success)
+        continue; // the path follows this estimate: nothing to compare with
+      const double square = i.difference.dot(solver.solve(i.difference));
+      if (square > worst) {
+        worst = square;
+        which = k;
+      }
+    }
+    if (which == sorted_.size()) return false;
+    used_[which] = false;
+    refresh();
+    return true;
+  }
+
+private:
+  struct Innovation {
+    Eigen::Vector3d difference;         // z - H x
+    Eigen::Matrix<double, 12, 3> cross; // P H^T
+    Eigen::LLT<Eigen::Matrix3d> solver; // of H P H^T + R
+  };
+
+  Innovation innovation(const Gaussian& g, const CentreEstimate& e, const Parameters& p) const {
+    Innovation i;
+    i.difference = e.centre - g.mean.segment<3>(Centre) - g.mean.segment<3>(Correlated);
+    i.cross = g.covariance.middleCols<3>(Centre) + g.covariance.middleCols<3>(Correlated);
+    i.solver.compute(i.cross.middleRows<3>(Centre) + i.cross.middleRows<3>(Correlated) +
+                     whiteCovariance(e, p));
+    return i;
+  }
+  static Eigen::Matrix3d whiteCovariance(const CentreEstimate& e, const Parameters& p) {
+    return p.inflation * (1 - p.correlatedFraction) * e.covariance;
+  }
+  Eigen::Matrix3d correlatedCovariance(const Parameters& p) const {
+    return p.inflation * p.correlatedFraction * meanCovariance_ + 1e-24 * Eigen::Matrix3d::Identity();
+  }
+
+  /// Before the first estimate: somewhere on the record, at its mean velocity, give or take the priors.
+  Gaussian prior(const Parameters& p) const {
+    Gaussian g{State::Zero(), StateMatrix::Zero()};
+    const double lead =
+        sorted_.front().time - firstUsed_->time; // <= 0: the first snapshots may have no estimate
+    const double spread = 1 + std::abs(lead) * options_.velocityPrior;
+    g.mean.segment<3>(Centre) = firstUsed_->centre + lead * meanVelocity_;
+    g.mean.segment<3>(Velocity) = meanVelocity_;
+    g.covariance.diagonal().segment<3>(Centre).setConstant(spread * spread);
+    g.covariance.diagonal().segment<3>(Velocity).setConstant(std::pow(options_.velocityPrior, 2));
+    g.covariance.diagonal().segment<3>(Acceleration).setConstant(std::pow(options_.accelerationPrior, 2));
+    g.covariance.block<3, 3>(Correlated, Correlated) = correlatedCovariance(p);
+    return g;
+  }
+
+  void refresh() {
+    count_ = int(std::count(used_.begin(), used_.end(), true));
+    if (count_ == 0) return;
+    const auto first = std::find(used_.begin(), used_.end(), true) - used_.begin();
+    const auto last = used_.rend() - std::find(used_.rbegin(), used_.rend(), true) - 1;
+    firstUsed_ = &sorted_[first];
+    const double dt = sorted_[last].time - sorted_[first].time;
+    meanVelocity_ = dt > 0 ? Eigen::Vector3d((sorted_[last].centre - sorted_[first].centre) / dt)
+                           : Eigen::Vector3d::Zero();
+    meanCovariance_.setZero();
+    for (std::size_t k = 0; k < sorted_.size(); ++k)
+      if (used_[k]) meanCovariance_ += sorted_[k].covariance / count_;
+  }
+
+  const SmootherOptions& options_;
+  std::vector<CentreEstimate> sorted_;
+  std::vector<bool> used_;
+  std::vector<Gaussian> predicted_, filtered_;
+  std::vector<StateMatrix> transitions_;
+  const CentreEstimate* firstUsed_ = nullptr;
+  Eigen::Vector3d meanVelocity_ = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d meanCovariance_ = Eigen::Matrix3d::Zero();
+  int count_ = 0;
+};
+
+/// The jerk intensity of largest likelihood: a scan over decades, then golden-section search.
+double likelyJerk(Smoother& smoother, Parameters p, double& best) {
+  const auto deviance = [&](double logarithm) {
+    p.jerkIntensity = std::pow(10, logarithm);
+    return smoother.filter(p);
+  };
+  double at = -6;
+  best = std::numeric_limits<double>::infinity();
+  for (double l = -6; l <= 8; l += 1) {
+    const double value = deviance(l);
+    if (value < best) {
+      best = value;
+      at = l;
+    }
+  }
+  constexpr double golden = 0.6180339887498949;
+  double low = at - 1, high = at + 1, a = high - golden * (high - low), b = low + golden * (high - low);
+  double fa = deviance(a), fb = deviance(b);
+  while (high - low > 0.05) {
+    if (fa < fb) {
+      high = b, b = a, fb = fa;
+      fa = deviance(a = high - golden * (high - low));
+    } else {
+      low = a, a = b, fa = fb;
+      fb = deviance(b = low + golden * (high - low));
+    }
+  }
+  best = std::min({best, fa, fb});
+  return std::pow(10, 0.5 * (low + high));
+}
+
+/// q, f, T of largest likelihood, and the inflation s.
+Parameters likelyParameters(Smoother& smoother, const SmootherOptions& options) {
+  const double step = smoother.shortestStep();
+  Parameters chosen;
+  chosen.correlationTime = step;
+  double lowest = std::numeric_limits<double>::infinity();
+  const bool few = smoother.count() < 5; // too few to tell correlation from motion
+  std::vector<double> fractions{0, 0.3, 0.6, 0.8, 0.95};
+  if (options.correlatedFraction >= 0)
+    fractions = {std::min(options.correlatedFraction, 0.95)};
+  else if (few)
+    fractions = {0};
+  for (const double fraction : fractions)
+    for (double time = 2 * step; time <= std::max(2 * step, smoother.duration()); time *= 2.5) {
+      Parameters p;
+      p.correlatedFraction = fraction;
+      p.correlationTime = time;
+      double deviance;
+      if (options.jerkIntensity >= 0) {
+        p.jerkIntensity = options.jerkIntensity;
+        deviance = smoother.filter(p);
+      } else {
+        p.jerkIntensity = likelyJerk(smoother, p, deviance);
+      }
+      if (deviance < lowest) {
+        lowest = deviance;
+        chosen = p;
+      }
+      if (fraction == 0) break; // T does not matter
+    }
+  double chiSquared = 0;
+  smoother.filter(chosen, &chiSquared);
+  if (!few) chosen.inflation = std::max(1.0, chiSquared / (3.0 * smoother.count()));
+  return chosen;
+}
+
+void check(const std::vector<CentreEstimate>& estimates) {
+  for (std::size_t k = 0; k < estimates.size(); ++k) {
+    const CentreEstimate& e = estimates[k];
+    const std::string which = "estimate " + std::to_string(k) + " of " + std::to_string(estimates.size());
+    if (!std::isfinite(e.time)) throw std::invalid_argument(which + " has no finite time");
+    if (e.found && !e.centre.allFinite())
+      throw std::invalid_argument(which + " is marked as found, but its centre is not finite");
+    if (e.found && (!e.covariance.allFinite() || e.covariance.llt().info() != Eigen::Success))
+      throw std::invalid_argument(which + " has a covariance that is not positive definite");
+  }
+}
+
+} // namespace
+
+SmoothedTrajectory smoothTrajectory(const std::vector<CentreEstimate>& estimates,
+                                    const SmootherOptions& options) {
+  check(estimates);
+  SmoothedTrajectory result;
+  const Eigen::Vector3d nan = Eigen::Vector3d::Constant(std::numeric_limits<double>::quiet_NaN());
+  const Eigen::Matrix3d nans = Eigen::Matrix3d::Constant(std::numeric_limits<double>::quiet_NaN());
+  result.points.assign(estimates.size(), {CentreStatus::Lost, nan, nan, nan, nans, nans, nans});
+  if (estimates.empty()) return result;
+  Smoother smoother(estimates, options);
+  if (smoother.count() == 0) return result;
+
+  Parameters p = likelyParameters(smoother, options);
+  const int allowed = int(options.largestRejectedPart * smoother.count());
+  while (result.rejected < allowed && smoother.rejectWorst(p)) {
+    ++result.rejected;
+    p = likelyParameters(smoother, options);
+  }
+  result.jerkIntensity = p.jerkIntensity;
+  result.correlatedFraction = p.correlatedFraction;
+  result.correlationTime = p.correlationTime;
+  result.inflation = p.inflation;
+
+  std::vector<std::size_t> order(estimates.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::size_t a, std::size_t b) { return estimates[a].time < estimates[b].time; });
+  const std::vector<Gaussian> smoothed = smoother.smooth(p);
+  for (std::size_t k = 0; k < order.size(); ++k) {
+    const Gaussian& g = smoothed[k];
+    result.points[order[k]] = {smoother.used()[k] ? CentreStatus::Found : CentreStatus::Predicted,
+                               g.mean.segment<3>(Centre),
+                               g.mean.segment<3>(Velocity),
+                               g.mean.segment<3>(Acceleration),
+                               g.covariance.block<3, 3>(Centre, Centre),
+                               g.covariance.block<3, 3>(Velocity, Velocity),
+                               g.covariance.block<3, 3>(Acceleration, Acceleration)};
+  }
+  return result;
+}
+
+} // namespace rimflow

@@ -1,0 +1,58 @@
+#pragma once
+#include <Eigen/Core>
+#include <vector>
+
+namespace rimflow {
+
+/// What one snapshot says of the centre by itself.
+struct CentreEstimate {
+  double time = 0;                                      ///< s
+  bool found = false;                                   ///< false: nothing below counts
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();     ///< m
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero(); ///< m2, positive definite
+};
+
+/// Prior knowledge of the motion. The defaults suit spheres that rise or sink in a liquid.
+struct SmootherOptions {
+  double jerkIntensity = -1;      ///< spectral density q of the jerk, m2/s5; < 0: the most likely one
+  double correlatedFraction = -1; ///< part of the single-snapshot variance that is correlated in time, 0 to
+                                  ///< 0.95; < 0: the most likely one
+  double velocityPrior = 1; ///< standard deviation of the velocity about its mean over the record, m/s, > 0
+  double accelerationPrior = 10; ///< standard deviation of the acceleration about 0, m/s2, > 0
+  double rejectionChiSquared =
+      30; ///< a snapshot farther than this from the path through all others is left out
+  double largestRejectedPart = 0.1; ///< of the snapshots, 0 to 1
+};
+
+enum class CentreStatus { Found = 0, Predicted = 1, Lost = 2 };
+
+struct SmoothedCentre {
+  CentreStatus status =
+      CentreStatus::Lost; ///< Predicted: bridged from the neighbours; Lost: no snapshot was found at all
+  Eigen::Vector3d centre, velocity, acceleration; ///< m, m/s, m/s2; NaN when lost
+  Eigen::Matrix3d centreCovariance, velocityCovariance, accelerationCovariance;
+};
+
+struct SmoothedTrajectory {
+  std::vector<SmoothedCentre> points; ///< one per estimate, in the same order
+  double jerkIntensity = 0;           ///< q that was used, m2/s5
+  double correlatedFraction = 0;      ///< that was used
+  double correlationTime = 0;         ///< s, that was used
+  double inflation = 1; ///< factor >= 1 on the single-snapshot covariances, from the innovations
+  int rejected = 0;     ///< snapshots left out as inconsistent with all others
+};
+
+/// Position, velocity and acceleration over time from single-snapshot estimates: Kalman filter and
+/// Rauch-Tung-Striebel smoother (Rauch, Tung & Striebel 1965) for motion under white-noise jerk of intensity
+/// q.
+///
+/// The same few tracers touch the wall in neighbouring snapshots, so the errors of the estimates are
+/// correlated in time, and an average over n of them is not sqrt(n) times better. Each estimate is therefore
+///     z = centre + b + white,   cov(white) = s (1 - f) C_k,   cov(b) = s f <C>,   b correlated over the time
+///     T (Ornstein-Uhlenbeck),
+/// and b is estimated along. q, f and T maximise the likelihood of the innovations; s is their mean
+/// chi-squared, never below 1. The order of the estimates is free; two of the same time are both used.
+SmoothedTrajectory smoothTrajectory(const std::vector<CentreEstimate>& estimates,
+                                    const SmootherOptions& options = {});
+
+} // namespace rimflow

@@ -1,0 +1,172 @@
+#include "vtkTrajectorySmoother.h"
+
+#include "TrajectorySmoother.h"
+
+#include "vtkCellArray.h"
+#include "vtkDoubleArray.h"
+#include "vtkFieldData.h"
+#include "vtkInformation.h"
+#include "vtkInformationVector.h"
+#include "vtkIntArray.h"
+#include "vtkNew.h"
+#include "vtkObjectFactory.h"
+#include "vtkPointData.h"
+#include "vtkPoints.h"
+#include "vtkPolyData.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <stdexcept>
+#include <vector>
+
+vtkStandardNewMacro(vtkTrajectorySmoother);
+
+namespace {
+
+using rimflow::CentreStatus;
+
+/// The array, when it is there with so many components; else an exception that says what is missing.
+vtkDataArray* needed(vtkPolyData* data, const char* name, int components) {
+  vtkDataArray* array = data->GetPointData()->GetArray(name);
+  if (!array || array->GetNumberOfComponents() != components)
+    throw std::invalid_argument("the input has no point array " + std::string(name) + " with " +
+                                std::to_string(components) +
+                                " component(s); connect the locator's centres or a trajectory");
+  return array;
+}
+
+Eigen::Matrix3d symmetric(const double c[6]) {
+  Eigen::Matrix3d m;
+  m << c[0], c[3], c[5], c[3], c[1], c[4], c[5], c[4], c[2];
+  return m;
+}
+
+std::vector<rimflow::CentreEstimate> estimatesOf(vtkPolyData* input) {
+  vtkDataArray* time = needed(input, "Time", 1);
+  vtkDataArray* covariance = needed(input, "Covariance", 6);
+  vtkDataArray* status = input->GetPointData()->GetArray("Status");
+  vtkDataArray* centre =
+      input->GetPointData()->GetArray("Centre") ? needed(input, "Centre", 3) : input->GetPoints()->GetData();
+  std::vector<rimflow::CentreEstimate> estimates(input->GetNumberOfPoints());
+  for (vtkIdType p = 0; p < input->GetNumberOfPoints(); ++p) {
+    double c[6];
+    estimates[p].time = time->GetComponent(p, 0);
+    estimates[p].found = !status || status->GetComponent(p, 0) == 0;
+    centre->GetTuple(p, estimates[p].centre.data());
+    covariance->GetTuple(p, c);
+    estimates[p].covariance = symmetric(c);
+  }
+  return estimates;
+}
+
+/// Adds a double array filled by value(point) -> anything with operator[].
+template <class F>
+void add(vtkPolyData* output, const char* name, int components,
+         const std::vector<rimflow::SmoothedCentre>& points, F&& value) {
+  vtkNew<vtkDoubleArray> array;
+  array->SetName(name);
+  array->SetNumberOfComponents(components);
+  array->SetNumberOfTuples(vtkIdType(points.size()));
+  for (vtkIdType p = 0; p < vtkIdType(points.size()); ++p) {
+    const auto v = value(points[p]);
+    for (int c = 0; c < components; ++c) array->SetComponent(p, c, v[c]);
+  }
+  output->GetPointData()->AddArray(array);
+}
+
+Eigen::Matrix<double, 6, 1> packed(const Eigen::Matrix3d& m) {
+  return (Eigen::Matrix<double, 6, 1>() << m(0, 0), m(1, 1), m(2, 2), m(0, 1), m(1, 2), m(0, 2)).finished();
+}
+Eigen::Vector3d sigma(const Eigen::Matrix3d& covariance) { return covariance.diagonal().cwiseSqrt(); }
+
+void addNumber(vtkPolyData* output, const char* name, double value) {
+  vtkNew<vtkDoubleArray> array;
+  array->SetName(name);
+  array->InsertNextValue(value);
+  output->GetFieldData()->AddArray(array);
+}
+
+void fill(vtkPolyData* input, const rimflow::SmoothedTrajectory& t, vtkPolyData* output) {
+  const vtkIdType n = input->GetNumberOfPoints();
+  vtkDataArray* time = input->GetPointData()->GetArray("Time");
+  vtkDataArray* centre = input->GetPointData()->GetArray("Centre");
+  output->GetPointData()->ShallowCopy(input->GetPointData());
+  output->GetFieldData()->ShallowCopy(input->GetFieldData());
+
+  vtkNew<vtkDoubleArray> raw;
+  raw->DeepCopy(centre ? centre : input->GetPoints()->GetData());
+  raw->SetName("RawCentre");
+  output->GetPointData()->AddArray(raw);
+  using P = rimflow::SmoothedCentre;
+  add(output, "Centre", 3, t.points, [](const P& p) { return p.centre; });
+  add(output, "Velocity", 3, t.points, [](const P& p) { return p.velocity; });
+  add(output, "Acceleration", 3, t.points, [](const P& p) { return p.acceleration; });
+  add(output, "Covariance", 6, t.points, [](const P& p) { return packed(p.centreCovariance); });
+  add(output, "VelocityCovariance", 6, t.points, [](const P& p) { return packed(p.velocityCovariance); });
+  add(output, "AccelerationCovariance", 6, t.points,
+      [](const P& p) { return packed(p.accelerationCovariance); });
+  add(output, "Sigma", 3, t.points, [](const P& p) { return sigma(p.centreCovariance); });
+  add(output, "VelocitySigma", 3, t.points, [](const P& p) { return sigma(p.velocityCovariance); });
+  add(output, "AccelerationSigma", 3, t.points, [](const P& p) { return sigma(p.accelerationCovariance); });
+  vtkNew<vtkIntArray> status;
+  status->SetName("Status");
+  for (const P& p : t.points) status->InsertNextValue(int(p.status));
+  output->GetPointData()->AddArray(status);
+
+  vtkNew<vtkPoints> points;
+  points->SetDataTypeToDouble();
+  points->SetNumberOfPoints(n);
+  std::vector<vtkIdType> order;
+  for (vtkIdType p = 0; p < n; ++p) {
+    const bool lost = t.points[p].status == CentreStatus::Lost;
+    points->SetPoint(p, lost ? input->GetPoint(p) : t.points[p].centre.data());
+    if (!lost) order.push_back(p);
+  }
+  output->SetPoints(points);
+  std::stable_sort(order.begin(), order.end(), [&](vtkIdType a, vtkIdType b) {
+    return time->GetComponent(a, 0) < time->GetComponent(b, 0);
+  });
+  vtkNew<vtkCellArray> line;
+  if (!order.empty()) line->InsertNextCell(vtkIdType(order.size()), order.data());
+  output->SetLines(line);
+
+  addNumber(output, "JerkIntensity", t.jerkIntensity);
+  addNumber(output, "CorrelatedFraction", t.correlatedFraction);
+  addNumber(output, "CorrelationTime", t.correlationTime);
+  addNumber(output, "CovarianceInflation", t.inflation);
+  addNumber(output, "Rejected", t.rejected);
+}
+
+} // namespace
+
+int vtkTrajectorySmoother::RequestData(vtkInformation*, vtkInformationVector** inputs,
+                                       vtkInformationVector* outputs) {
+  vtkPolyData* input = vtkPolyData::GetData(inputs[0]);
+  vtkPolyData* output = vtkPolyData::GetData(outputs);
+  output->Initialize();
+  if (input->GetNumberOfPoints() == 0) return 1;
+  if (this->CorrelatedFraction > 0.95) {
+    vtkErrorMacro("CorrelatedFraction is "
+                  << this->CorrelatedFraction
+                  << "; it must be at most 0.95, or negative for the most likely value.");
+    return 0;
+  }
+  rimflow::SmootherOptions options;
+  options.jerkIntensity = this->JerkIntensity;
+  options.correlatedFraction = this->CorrelatedFraction;
+  try {
+    fill(input, rimflow::smoothTrajectory(estimatesOf(input), options), output);
+  } catch (const std::invalid_argument& error) {
+    output->Initialize();
+    vtkErrorMacro("The trajectory cannot be smoothed: " << error.what() << ".");
+    return 0;
+  }
+  return 1;
+}
+
+void vtkTrajectorySmoother::PrintSelf(ostream& os, vtkIndent indent) {
+  this->Superclass::PrintSelf(os, indent);
+  os << indent << "JerkIntensity: " << this->JerkIntensity << "\n"
+     << indent << "CorrelatedFraction: " << this->CorrelatedFraction << "\n";
+}

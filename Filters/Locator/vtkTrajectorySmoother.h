@@ -1,0 +1,58 @@
+/**
+ * @class vtkTrajectorySmoother
+ * @brief Position, velocity and acceleration of a body from its single-snapshot positions
+ *
+ * Input: vtkPolyData with one point per snapshot, in any order, and the point arrays `Time` (s), `Centre` (3,
+ * m; else the points' coordinates), `Covariance` (6: xx yy zz xy yz xz, m2), and optionally `Status` (0
+ * found, anything else: not found, its numbers are not used). Output: a polyline in the order of time through
+ * all points that are not lost, with the input's arrays and `Centre`, `Velocity`, `Acceleration` (3),
+ * `Covariance`, `VelocityCovariance`, `AccelerationCovariance` (6), `Sigma`, `VelocitySigma`,
+ * `AccelerationSigma` (3), `Status` (0 found, 1 predicted from the neighbours, 2 lost) and `RawCentre` (3),
+ * the input's Centre; all double but Status. When no point was found, all are lost and there is no line.
+ * Field data: `JerkIntensity` (m2/s5), `CorrelatedFraction`, `CorrelationTime` (s), `CovarianceInflation`,
+ * `Rejected`.
+ *
+ * Kalman filter and Rauch-Tung-Striebel smoother for white-noise jerk; see TrajectorySmoother.h for the
+ * model.
+ */
+#ifndef vtkTrajectorySmoother_h
+#define vtkTrajectorySmoother_h
+
+#include "vtkPolyDataAlgorithm.h"
+#include "vtkRIMFlowFiltersModule.h"
+
+class VTKRIMFLOWFILTERS_EXPORT vtkTrajectorySmoother : public vtkPolyDataAlgorithm {
+public:
+  static vtkTrajectorySmoother* New();
+  vtkTypeMacro(vtkTrajectorySmoother, vtkPolyDataAlgorithm);
+  void PrintSelf(ostream& os, vtkIndent indent) override;
+
+  ///@{
+  /// Spectral density of the jerk, m2/s5: how abruptly the body may change its acceleration. Negative
+  /// (default): the most likely value.
+  vtkSetMacro(JerkIntensity, double);
+  vtkGetMacro(JerkIntensity, double);
+  ///@}
+
+  ///@{
+  /// Part of the single-snapshot variance that is correlated from snapshot to snapshot, 0 to 0.95. Negative
+  /// (default): the most likely value.
+  vtkSetMacro(CorrelatedFraction, double);
+  vtkGetMacro(CorrelatedFraction, double);
+  ///@}
+
+protected:
+  vtkTrajectorySmoother() = default;
+  ~vtkTrajectorySmoother() override = default;
+
+  int RequestData(vtkInformation*, vtkInformationVector**, vtkInformationVector*) override;
+
+  double JerkIntensity = -1;
+  double CorrelatedFraction = -1;
+
+private:
+  vtkTrajectorySmoother(const vtkTrajectorySmoother&) = delete;
+  void operator=(const vtkTrajectorySmoother&) = delete;
+};
+
+#endif
