@@ -136,7 +136,11 @@ void check(const TrackSynthesisOptions& o) {
   need(flow.kind != FlowKind::HillsVortex || flow.body.acceleration.isZero(0),
        "Hill's vortex moves at constant velocity: set the acceleration to 0 m/s2, or choose a sphere",
        flow.body.acceleration.norm());
-  need(flow.kind == FlowKind::StokesSphere || flow.body.angularVelocity.isZero(0),
+  need(flow.body.centre.allFinite() && flow.body.velocity.allFinite() && flow.body.acceleration.allFinite() &&
+           flow.body.angularVelocity.allFinite() && std::isfinite(flow.body.diameter),
+       "The sphere's centre, velocity, acceleration and rotation must be numbers; its diameter",
+       flow.body.diameter);
+  need(flow.kind == FlowKind::StokesSphere || flow.isPeriodic() || flow.body.angularVelocity.isZero(0),
        "Only the Stokes flow follows a rotating sphere: set the angular velocity to 0 rad/s, or choose it",
        flow.body.angularVelocity.norm());
 }
@@ -433,6 +437,7 @@ TrackSynthesis& TrackSynthesis::operator=(TrackSynthesis&&) noexcept = default;
 
 bool TrackSynthesis::prepare(const TrackSynthesisOptions& options, const Progress& progress) {
   check(options);
+  if (!goOn(progress, 0)) return false;
   auto next = std::make_unique<Implementation>();
   next->options = options;
   next->random = RandomTree(options.seed).at(0);

@@ -33,10 +33,18 @@ inline std::vector<unsigned char> maskOf(vtkImageData* image) {
   vtkUnsignedCharArray* ghosts = image->GetPointGhostArray();
   vtkDataArray* marks = image->GetPointData()->GetArray("Mask");
   if (!ghosts && !marks) return mask;
-  mask.assign(image->GetNumberOfPoints(), 0);
-  for (vtkIdType p = 0; p < image->GetNumberOfPoints(); ++p)
-    mask[p] = (ghosts && (ghosts->GetValue(p) & vtkDataSetAttributes::HIDDENPOINT)) ||
-              (marks && marks->GetComponent(p, 0) != 0);
+  const std::size_t n = image->GetNumberOfPoints();
+  mask.assign(n, 0);
+  if (ghosts) {
+    const unsigned char* flags = ghosts->GetPointer(0);
+    for (std::size_t p = 0; p < n; ++p) mask[p] |= (flags[p] & vtkDataSetAttributes::HIDDENPOINT) != 0;
+  }
+  if (auto* bytes = vtkUnsignedCharArray::SafeDownCast(marks)) { // as our filters write it
+    const unsigned char* marked = bytes->GetPointer(0);
+    const int stride = bytes->GetNumberOfComponents();
+    for (std::size_t p = 0; p < n; ++p) mask[p] |= marked[stride * p] != 0;
+  } else if (marks)
+    for (std::size_t p = 0; p < n; ++p) mask[p] |= marks->GetComponent(p, 0) != 0;
   return mask;
 }
 
