@@ -1,5 +1,6 @@
 #include "TrackRows.h"
 
+#include "PlainDecimal.h"
 #include "TecplotHeader.h"
 
 #include <algorithm>
@@ -29,15 +30,17 @@ struct Separators {
 };
 constexpr Separators isSeparator;
 
-const char* endOfToken(const char* p, const char* end) {
-  while (p < end && !isSeparator[*p]) ++p;
+// Tokens end at a separator or at the line's end, and every line here has one.
+bool endsToken(char c) { return isSeparator[c] || c == '\n'; }
+const char* endOfToken(const char* p) {
+  while (!endsToken(*p)) ++p;
   return p;
 }
 
 // What fast_float does not take: a leading plus, Fortran's exponent D, the NaN of old C libraries (1.#IND),
 // and numbers too large or too small for a double.
-bool unusualNumber(const char*& p, const char* end, double& x) {
-  const char* stop = endOfToken(p, end);
+bool unusualNumber(const char*& p, double& x) {
+  const char* stop = endOfToken(p);
   std::string token(p, std::min<std::ptrdiff_t>(stop - p, 64));
   if (stop - p > 64) return false;
   if (token.size() > 1 && token[0] == '+' && token[1] != '-' && token[1] != '+') token.erase(0, 1);
@@ -58,19 +61,33 @@ bool unusualNumber(const char*& p, const char* end, double& x) {
 }
 
 inline bool number(const char*& p, const char* end, double& x) {
+  if (end - p >= plainDecimalReach) {
+    const char* after = plainDecimal(p, x);
+    if (after && endsToken(*after)) {
+      p = after;
+      return true;
+    }
+  }
   const auto r = fast_float::from_chars(p, end, x);
-  if (r.ec == std::errc() && (r.ptr == end || isSeparator[*r.ptr])) {
+  if (r.ec == std::errc() && endsToken(*r.ptr)) {
     p = r.ptr;
     return true;
   }
-  return unusualNumber(p, end, x);
+  return unusualNumber(p, x);
 }
 
 // An id may have been written as 7, +7, 7.0 or 1.2e4; as a double it is exact up to 2^53.
 enum class IdResult { Good, NotFinite, Bad };
 IdResult trackId(const char*& p, const char* end, std::int64_t& id) {
+  if (end - p >= plainDecimalReach) {
+    const char* after = plainInteger(p, id);
+    if (after && endsToken(*after)) {
+      p = after;
+      return IdResult::Good;
+    }
+  }
   const auto r = std::from_chars(p, end, id);
-  if (r.ec == std::errc() && (r.ptr == end || isSeparator[*r.ptr])) {
+  if (r.ec == std::errc() && endsToken(*r.ptr)) {
     p = r.ptr;
     return IdResult::Good;
   }
@@ -95,10 +112,12 @@ struct Field {
   std::size_t stride = 1;
 };
 
+// Whole lines, the last one with its '\n', so that no loop below needs to look for the end of the text.
 struct Chunk {
   const char* begin;
   const char* end;
-  std::size_t rows = 0;     // counted
+  const char* origin;       // begin stands for this place in the file's text
+  const char* endlessLine;  // a line that has no end within reach begins here; null: none
   std::size_t firstRow = 0; // in the arrays
   std::size_t kept = 0;
   TrackRowsResult result;
@@ -110,13 +129,24 @@ const char* endOfLine(const char* p, const char* end) {
   return newline ? static_cast<const char*>(newline) : p + room;
 }
 
-std::size_t countRows(const char* p, const char* end) {
+// Rows, or lines without any value and comments: an upper limit, at the speed of memory.
+std::size_t countLines(const Chunk& c) {
+  std::size_t lines = 0;
+  const char* p = c.begin;
+  for (; c.end - p >= 128; p += 128) {
+    unsigned char here = 0; // a narrow sum keeps this loop in vector registers
+    for (int i = 0; i < 128; ++i) here = static_cast<unsigned char>(here + (p[i] == '\n'));
+    lines += here;
+  }
+  return lines + std::size_t(std::count(p, c.end, '\n'));
+}
+
+std::size_t countRows(const Chunk& c) {
   std::size_t rows = 0;
-  while (p < end) {
-    const char* stop = endOfLine(p, end);
-    while (p < stop && isSeparator[*p]) ++p;
-    rows += p < stop && *p != '#';
-    p = stop + (stop < end && *stop == '\n');
+  for (const char* p = c.begin; p < c.end; ++p) {
+    while (isSeparator[*p]) ++p;
+    rows += *p != '\n' && *p != '#';
+    p = static_cast<const char*>(std::memchr(p, '\n', std::size_t(c.end - p)));
   }
   return rows;
 }
@@ -125,67 +155,67 @@ std::size_t countRows(const char* p, const char* end) {
 void parseChunk(Chunk& chunk, const char* text, const std::vector<Field>& fields, std::size_t advance,
                 const std::atomic<bool>& stopped) {
   TrackRowsResult& result = chunk.result;
+  const auto offset = [&](const char* p) { return std::size_t(chunk.origin + (p - chunk.begin) - text); };
   const auto fault = [&](Fault what, const char* where, std::size_t column) {
     result.fault = what;
-    result.offset = std::size_t(where - text);
+    result.offset = offset(where);
     result.column = column;
   };
   std::size_t row = chunk.firstRow;
-  const char* p = chunk.begin;
-  while (p < chunk.end) {
+  const char* const end = chunk.end;
+  for (const char* p = chunk.begin; p < end; ++p) {
+    while (isSeparator[*p]) ++p;
+    if (*p == '\n') continue;
     const char* const line = p;
-    const char* const stop = endOfLine(p, chunk.end);
-    if (stop - line > std::ptrdiff_t(longestTrackLine)) return fault(Fault::TooLong, line, 0);
-    while (p < stop && isSeparator[*p]) ++p;
-    if (p == stop || *p == '#') {
-      p = stop < chunk.end ? stop + 1 : stop;
+    if (*p == '#') {
+      p = static_cast<const char*>(std::memchr(p, '\n', std::size_t(end - p)));
       continue;
     }
     bool finite = true;
-    for (std::size_t f = 0; f < fields.size(); ++f) {
-      while (p < stop && isSeparator[*p]) ++p;
-      if (p == stop) return fault(Fault::TooFew, line, f);
-      const Field& field = fields[f];
+    for (const Field& field : fields) {
+      const std::size_t f = std::size_t(&field - fields.data());
+      while (isSeparator[*p]) ++p;
+      if (*p == '\n') return fault(Fault::TooFew, line, f);
       double x = 0;
       switch (field.kind) {
       case Field::Kind::Skip:
-        p = endOfToken(p, stop);
+        p = endOfToken(p);
         break;
       case Field::Kind::Float: {
-        if (!number(p, stop, x)) return fault(Fault::NotANumber, p, f);
+        if (!number(p, end, x)) return fault(Fault::NotANumber, p, f);
         const float value = float(x * field.scale);
         finite = finite && std::isfinite(value);
         static_cast<float*>(field.to)[row * field.stride] = value;
         break;
       }
       case Field::Kind::Intensity:
-        if (!number(p, stop, x)) return fault(Fault::NotANumber, p, f);
+        if (!number(p, end, x)) return fault(Fault::NotANumber, p, f);
         static_cast<float*>(field.to)[row] = float(x);
         break;
       case Field::Kind::Double:
-        if (!number(p, stop, x)) return fault(Fault::NotANumber, p, f);
+        if (!number(p, end, x)) return fault(Fault::NotANumber, p, f);
         static_cast<double*>(field.to)[row] = x * field.scale;
         break;
       case Field::Kind::Id: {
-        const IdResult id = trackId(p, stop, static_cast<std::int64_t*>(field.to)[row]);
+        const IdResult id = trackId(p, end, static_cast<std::int64_t*>(field.to)[row]);
         if (id == IdResult::Bad) return fault(Fault::NotAnId, p, f);
         finite = finite && id == IdResult::Good;
         break;
       }
       }
     }
-    while (p < stop && isSeparator[*p]) ++p;
-    if (p != stop) return fault(Fault::TooMany, line, 0);
+    while (isSeparator[*p]) ++p;
+    if (*p != '\n') return fault(Fault::TooMany, line, 0);
     ++result.rows;
     if (finite) {
       row += advance;
       ++chunk.kept;
     } else if (result.notFinite++ == 0) {
-      result.firstNotFinite = std::size_t(line - text);
+      result.firstNotFinite = offset(line);
     }
-    p = stop < chunk.end ? stop + 1 : stop;
     if ((result.rows & 4095) == 0 && stopped.load(std::memory_order_relaxed)) return;
   }
+  if (chunk.endlessLine) fault(Fault::TooLong, chunk.endlessLine, 0);
 }
 
 // Looks at the whole row of a fault: it may be a header that stands where none was expected, and a wrong
@@ -200,12 +230,12 @@ void lookAtRow(TrackRowsResult& result, std::string_view text, std::size_t colum
     return;
   }
   const char* p = text.data() + line;
-  const char* const stop = endOfLine(p, text.data() + text.size());
-  for (;;) {
-    while (p < stop && isSeparator[*p]) ++p;
-    if (p == stop) break;
-    p = endOfToken(p, stop);
+  const std::string row(p, endOfLine(p, text.data() + text.size()));
+  for (const char* q = row.c_str(); q < row.c_str() + row.size();) {
+    while (isSeparator[*q]) ++q;
+    if (*q == '\0' && q == row.c_str() + row.size()) break;
     ++result.values;
+    while (q < row.c_str() + row.size() && !isSeparator[*q]) ++q;
   }
   if (result.values == columns) return;
   result.fault = result.values < columns ? Fault::TooFew : Fault::TooMany;
@@ -276,15 +306,34 @@ struct Arrays {
   }
 };
 
-std::vector<Chunk> splitAtLines(std::string_view text) {
+// `lastLine` keeps the last line when the text ends without a '\n'.
+std::vector<Chunk> splitAtLines(std::string_view text, std::string& lastLine) {
   constexpr std::size_t usual = 1 << 18;
   std::vector<Chunk> chunks;
   const char* const end = text.data() + text.size();
   for (const char* p = text.data(); p < end;) {
-    const char* q = std::size_t(end - p) <= usual ? end : endOfLine(p + usual, end);
-    q += q < end && *q == '\n';
-    chunks.push_back({p, q, 0, 0, 0, {}});
-    p = q;
+    Chunk c{p, std::size_t(end - p) <= usual ? end : endOfLine(p + usual, end), p, nullptr, 0, 0, {}};
+    if (c.end < end && *c.end == '\n') ++c.end;
+    const void* newline = ::memrchr(p, '\n', std::size_t(c.end - p));
+    const char* const lines = newline ? static_cast<const char*>(newline) + 1 : p; // end of the whole lines
+    if (lines == c.end) {
+      chunks.push_back(c);
+      p = c.end;
+      continue;
+    }
+    const char* const rest = lines;
+    if (c.end == end && std::size_t(end - rest) <= longestTrackLine) {
+      c.end = lines;
+      chunks.push_back(c);
+      lastLine.assign(rest, end);
+      lastLine += '\n';
+      chunks.push_back({lastLine.data(), lastLine.data() + lastLine.size(), rest, nullptr, 0, 0, {}});
+    } else {
+      c.end = lines;
+      c.endlessLine = rest;
+      chunks.push_back(c);
+    }
+    break;
   }
   return chunks;
 }
@@ -294,13 +343,10 @@ std::vector<Chunk> splitAtLines(std::string_view text) {
 TrackRowsResult readTrackRows(std::string_view text, const TrackColumnPlan& plan, bool idsOnly,
                               TrackSnapshot& snapshot, const Progress& progress) {
   snapshot = {};
-  std::vector<Chunk> chunks = splitAtLines(text);
+  std::string lastLine;
+  std::vector<Chunk> chunks = splitAtLines(text, lastLine);
   const int n = int(chunks.size());
   const int threads = std::max(1, std::min(n, omp_get_max_threads()));
-
-#pragma omp parallel for schedule(static) num_threads(threads) if (threads > 1 && n > 16)
-  for (int c = 0; c < n; ++c)
-    chunks[std::size_t(c)].rows = countRows(chunks[std::size_t(c)].begin, chunks[std::size_t(c)].end);
 
   // A whole row has at least two bytes per value. More rows than that cannot be whole: then nothing is
   // stored, and only the first fault is looked for, so that a damaged file cannot ask for more memory than
@@ -308,9 +354,12 @@ TrackRowsResult readTrackRows(std::string_view text, const TrackColumnPlan& plan
   bool store = true;
   std::size_t rows = 0;
   for (Chunk& c : chunks) {
+    const std::size_t whole = std::size_t(c.end - c.begin) / (2 * plan.columns.size());
+    std::size_t count = countLines(c);
+    if (count > whole) count = countRows(c);
+    store = store && count <= whole;
     c.firstRow = rows;
-    rows += c.rows;
-    store = store && c.rows <= std::size_t(c.end - c.begin) / (2 * plan.columns.size()) + 1;
+    rows += count;
   }
   Arrays arrays{snapshot, plan, idsOnly};
   arrays.resize(store ? rows : 1);

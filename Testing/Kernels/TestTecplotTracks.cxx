@@ -1,5 +1,6 @@
 // Breaks when a DaVis Tecplot ASCII file in any dialect gives other particles than it holds, or when a
 // damaged one crashes, gives half a snapshot, or fails without naming file, line and remedy.
+#include "PlainDecimal.h"
 #include "TecplotTracks.h"
 #include "TrackFiles.h"
 #include "TrackRows.h"
@@ -164,6 +165,41 @@ TEST(TecplotTracks, RowCountMissingOrWrong) {
       expectParts(series.warnings[1],
                   {"t.dat, line 10", std::string(instead).substr(0, 3), "4", "export again"});
   }
+}
+
+TEST(PlainDecimal, EqualsTheCLibraryToTheBitOrDeclines) {
+  std::mt19937 random(7);
+  int taken = 0;
+  for (int n = 0; n < 200000; ++n) {
+    std::string text = random() % 2 ? "-" : "";
+    for (unsigned d = random() % 9; d > 0; --d) text += char('0' + random() % 10);
+    if (random() % 4) {
+      text += ".";
+      for (unsigned d = random() % 10; d > 0; --d) text += char('0' + random() % 10);
+    }
+    const std::string padded = text + " 9.9999999999999999999999999";
+    double x = 0;
+    const char* end = plainDecimal(padded.data(), x);
+    const std::size_t digits = text.find_first_of("0123456789");
+    if (!end) continue;
+    ++taken;
+    ASSERT_NE(digits, text.npos) << text;
+    char* expectedEnd = nullptr;
+    const double expected = std::strtod(padded.c_str(), &expectedEnd);
+    ASSERT_EQ(end, expectedEnd) << text;
+    ASSERT_EQ(x, expected) << text;
+    std::int64_t whole = 0;
+    if (const char* after = plainInteger(padded.data(), whole); after && *after == ' ') {
+      ASSERT_EQ(double(whole), expected);
+    }
+  }
+  EXPECT_GT(taken, 150000);
+  double x;
+  std::int64_t i;
+  for (const char* other : {"", "-", ".", "-.", "12345678", "1.123456789", "e5", "nan", "+1", " 1"})
+    EXPECT_EQ(plainDecimal((other + std::string(32, '\0')).data(), x), nullptr) << other;
+  for (const char* other : {"", "-1", "12345678", "x"})
+    EXPECT_EQ(plainInteger((other + std::string(32, '\0')).data(), i), nullptr) << other;
 }
 
 TEST(TecplotTracks, UnusualNumbers) {
