@@ -238,8 +238,7 @@ std::shared_ptr<MappedFile> TecplotTracks::mapped(std::size_t file, const Progre
   auto source = MappedFile::open(paths[file], progress);
   if (!source) return nullptr;
   if (source->stamp() != stamps[file])
-    throw TrackIndexOutdated(paths[file] +
-                             ": the file has changed since it was opened. Reload it (F5 in ParaView).");
+    throw TrackIndexOutdated(paths[file] + ": the file has changed since it was opened.");
   std::size_t temporary = source->temporaryBytes(), plain = source->temporaryBytes() == 0;
   for (auto f = lastUsed.rbegin(); f != lastUsed.rend(); ++f) {
     temporary += open_[*f]->temporaryBytes();
@@ -254,10 +253,13 @@ std::shared_ptr<MappedFile> TecplotTracks::mapped(std::size_t file, const Progre
   return source;
 }
 
-std::size_t TecplotTracks::layoutOf(const std::vector<std::string>& variables) {
+std::size_t TecplotTracks::layoutOf(const std::vector<std::string>& variables, std::size_t file) {
   const auto found = std::find(layouts.begin(), layouts.end(), variables);
   const std::size_t layout = std::size_t(found - layouts.begin());
-  if (found == layouts.end()) layouts.push_back(variables);
+  if (found == layouts.end()) {
+    layouts.push_back(variables);
+    layoutFile.push_back(file);
+  }
   return layout;
 }
 
@@ -293,7 +295,7 @@ void TecplotTracks::indexFile(std::size_t file, const MappedFile& source, Scan& 
                                "no Tecplot ASCII file, or its line ends are missing: export it again.");
     if (tooLong) throw std::runtime_error(at(file, headerEnd) + lineTooLong);
     const TecplotHeader header = parseTecplotHeader(text.substr(headerBegin, headerEnd - headerBegin));
-    if (header.hasVariables) layout = layoutOf(header.variables);
+    if (header.hasVariables) layout = layoutOf(header.variables, file);
     if (layout == none) {
       const bool row = headerEnd < text.size();
       throw std::runtime_error(
@@ -429,8 +431,7 @@ bool TecplotTracks::read(std::size_t zoneNumber, LengthUnit unit, TrackSnapshot&
   snapshot = {};
   const TecplotZone& zone = index.at(zoneNumber);
   if (stampOf(paths[zone.file]) != stamps[zone.file])
-    throw TrackIndexOutdated(paths[zone.file] +
-                             ": the file has changed since it was opened. Reload it (F5 in ParaView).");
+    throw TrackIndexOutdated(paths[zone.file] + ": the file has changed since it was opened.");
   const auto source = mapped(zone.file, progress);
   if (!source) return false;
   const std::string_view text = source->text();
@@ -492,7 +493,8 @@ bool TecplotTracks::read(std::size_t zoneNumber, LengthUnit unit, TrackSnapshot&
   const auto warn = [&](std::size_t where, const std::string& what) {
     warnings.push_back(at(zone.file, where) + what);
   };
-  for (const std::string& w : plan.warnings) warnings.push_back(paths[zone.file] + ": " + w + ".");
+  for (const std::string& w : plan.warnings)
+    warnings.push_back(paths[layoutFile[zone.layout]] + ": " + w + ".");
   if (zone.declaredRows >= 0 && zone.declaredRows != r.rows)
     warn(zone.header, "the zone " + printable(zone.title) + " announces I=" +
                           std::to_string(zone.declaredRows) + " rows, but has " + std::to_string(r.rows) +

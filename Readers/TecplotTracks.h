@@ -84,7 +84,7 @@ public:
 private:
   struct Scan;
   void indexFile(std::size_t file, const MappedFile& source, Scan& scan);
-  std::size_t layoutOf(const std::vector<std::string>& variables);
+  std::size_t layoutOf(const std::vector<std::string>& variables, std::size_t file);
   void checkZone(const TecplotZoneHeader& header, std::size_t file, std::size_t offset) const;
   std::shared_ptr<MappedFile> mapped(std::size_t file, const Progress& progress = {}) const;
   std::string at(std::size_t file, std::size_t offset) const;
@@ -93,6 +93,7 @@ private:
   std::vector<std::string> notes; ///< warnings about the files as such
   std::vector<FileStamp> stamps;
   std::vector<std::vector<std::string>> layouts;
+  std::vector<std::size_t> layoutFile; ///< the first file with this layout
   std::vector<TecplotZone> index;
 
   mutable std::map<std::size_t, std::shared_ptr<MappedFile>> open_;

@@ -267,8 +267,9 @@ TrackColumnPlan planTrackColumns(const std::vector<std::string>& names, LengthUn
   if (!plan.hasVelocity) plan.velocityUnit.clear();
   if (!plan.hasAcceleration) plan.accelerationUnit.clear();
 
-  std::set<std::string> taken = {"Velocity", "Acceleration", "Intensity",   "TrackId",
-                                 "Time",     "Points",       "vtkGhostType"};
+  const std::set<std::string> ours = {"Velocity", "Acceleration", "Intensity",   "TrackId",
+                                      "Time",     "Points",       "vtkGhostType"};
+  std::set<std::string> taken;
   for (std::size_t c = 0; c < plan.columns.size(); ++c) {
     TrackColumnPlan::Column& column = plan.columns[c];
     std::string name = named[c].name;
@@ -288,6 +289,7 @@ TrackColumnPlan planTrackColumns(const std::vector<std::string>& names, LengthUn
       continue;
     }
     if (name.empty()) name = "Column " + std::to_string(c + 1);
+    if (ours.count(name)) name += " (file)";
     const std::string base = name;
     for (int n = 2; !taken.insert(name).second; ++n) name = base + " " + std::to_string(n);
     column.index = int(plan.furtherNames.size());

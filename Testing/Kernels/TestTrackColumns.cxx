@@ -117,8 +117,8 @@ TEST(TrackColumns, SaysWhatIsMissing) {
 
 TEST(TrackColumns, FurtherNamesAreUniqueUtf8AndNeverHideAnArray) {
   const auto p = plan({"x", "y", "z", "x", "Caf\xE9", "Time[s]", "Time[ms]", "", "Velocity"});
-  EXPECT_EQ(p.furtherNames,
-            (std::vector<std::string>{"x", "Caf\xC3\xA9", "Time 2", "Time 3", "Column 8", "Velocity 2"}));
+  EXPECT_EQ(p.furtherNames, (std::vector<std::string>{"x", "Caf\xC3\xA9", "Time (file)", "Time (file) 2",
+                                                      "Column 8", "Velocity (file)"}));
 }
 
 TEST(TecplotHeader, OneLineOrManyInAnyOrder) {

@@ -15,9 +15,10 @@ namespace {
 TrackSnapshot snapshot(int k, const std::vector<std::int64_t>& ids, bool acceleration = false) {
   TrackSnapshot s;
   for (const std::int64_t id : ids) {
-    s.position.insert(s.position.end(), {float(100 * id + k), float(id), float(k)});
-    s.velocity.insert(s.velocity.end(), {float(id), 1, 2});
-    if (acceleration) s.acceleration.insert(s.acceleration.end(), {float(id), 3, 4});
+    for (const float x : {float(100 * id + k), float(id), float(k)}) s.position.push_back(x);
+    for (const float u : {float(id), 1.f, 2.f}) s.velocity.push_back(u);
+    if (acceleration)
+      for (const float a : {float(id), 3.f, 4.f}) s.acceleration.push_back(a);
     s.trackId.push_back(id);
   }
   s.further = {{"Extra", std::vector<double>(ids.size(), k)}};
