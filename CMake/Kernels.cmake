@@ -1,11 +1,21 @@
 # The numerics, without VTK. Each kernel stands beside the VTK class that uses it.
 find_package(Eigen3 3.4 REQUIRED NO_MODULE)
 find_package(OpenMP REQUIRED COMPONENTS CXX)
+find_package(ZLIB REQUIRED)
+find_path(FASTFLOAT_INCLUDE_DIR fast_float/fast_float.h REQUIRED) # Debian: libfast-float-dev
 
 add_library(rimflow_kernels STATIC
   Readers/AnalyticFlows.cxx
+  Readers/MappedFile.cxx
+  Readers/TecplotHeader.cxx
+  Readers/TecplotTracks.cxx
+  Readers/TrackColumns.cxx
+  Readers/TrackPathlines.cxx
+  Readers/TrackRows.cxx
+  Readers/TrackSelection.cxx
   Readers/TrackSynthesis.cxx
   Filters/Locator/TrajectorySmoother.cxx
+  Readers/TrackTimeline.cxx
   Filters/Vortices/QCriterionKernel.cxx
 )
 target_include_directories(rimflow_kernels PUBLIC
@@ -15,7 +25,8 @@ target_include_directories(rimflow_kernels PUBLIC
   ${CMAKE_SOURCE_DIR}/Filters/Vortices
   ${CMAKE_SOURCE_DIR}/Filters/Locator
 )
-target_link_libraries(rimflow_kernels PUBLIC Eigen3::Eigen OpenMP::OpenMP_CXX)
+target_link_libraries(rimflow_kernels PUBLIC Eigen3::Eigen OpenMP::OpenMP_CXX PRIVATE ZLIB::ZLIB)
+target_include_directories(rimflow_kernels SYSTEM PRIVATE ${FASTFLOAT_INCLUDE_DIR})
 # Public: Eigen's alignment follows the instruction set, so kernels and their users must agree on it.
 if(RIMFLOW_NATIVE)
   target_compile_options(rimflow_kernels PUBLIC -march=native)

@@ -1,0 +1,150 @@
+/**
+ * @class vtkSTBTrackReader
+ * @brief Shake-The-Box particle tracks from DaVis' Tecplot ASCII export
+ *
+ * Reads one file with a ZONE per snapshot, one file per snapshot, or any mix, plain or gzip-compressed
+ * (recognised by the content). The files are indexed once; then only the snapshots that are asked for are
+ * read, so that a file may be far larger than the memory. Columns are found by their names; units become SI.
+ * Which dialects, and what happens with damaged files: TecplotTracks.h and Documentation/file-formats.md.
+ *
+ * Output: vtkPolyData at the snapshot nearest to the time asked for, points in m (float).
+ *  - Particles: one vertex per particle. Point arrays `Velocity` (m/s), `Acceleration` (m/s2), `TrackId`
+ *    (vtkIdType), `Intensity`, as far as the file has them, and all further columns under their own names.
+ *  - Pathlines: one polyline per track over the last TrailLength snapshots up to that time, broken where the
+ *    track is absent; ended tracks stay until the window has passed them. A piece of one point is a vertex.
+ *    The same point arrays, `Time` (s) at each point, and `TrackId` for each cell as well.
+ *
+ * Field data: `SnapshotIndex` (vtkIdType: place in the series sorted by time, from 0) and `FileUnits` (three
+ * strings: those of position, velocity and acceleration in the file; empty where there is none).
+ *
+ * On an error the output is empty and the message says file, line, what was found, what was expected and what
+ * to do. A warning is given once for each set of files.
+ */
+#ifndef vtkSTBTrackReader_h
+#define vtkSTBTrackReader_h
+
+#include "vtkPolyDataAlgorithm.h"
+#include "vtkRIMFlowReadersModule.h"
+
+#include <memory> // for std::unique_ptr
+#include <string> // for std::string
+#include <vector> // for std::vector
+
+class VTKRIMFLOWREADERS_EXPORT vtkSTBTrackReader : public vtkPolyDataAlgorithm {
+public:
+  static vtkSTBTrackReader* New();
+  vtkTypeMacro(vtkSTBTrackReader, vtkPolyDataAlgorithm);
+  void PrintSelf(ostream& os, vtkIndent indent) override;
+
+  ///@{
+  /// The files, in any order: snapshots are sorted by their times. SetFileName is for a single file.
+  void AddFileName(VTK_FILEPATH const char* name);
+  void RemoveAllFileNames();
+  void SetFileName(VTK_FILEPATH const char* name);
+  int GetNumberOfFileNames() const;
+  /// Null when there is no such file name.
+  VTK_FILEPATH const char* GetFileName(int index) const;
+  ///@}
+
+  /// 1 when the content is a track table that this class reads (or a DaVis .set folder's file, for which it
+  /// says how to export), else 0. The name does not matter.
+  static int CanReadFile(VTK_FILEPATH const char* name);
+
+  enum LengthUnits { AUTO = 0, METRE = 1, MILLIMETRE = 2, CENTIMETRE = 3, MICROMETRE = 4 };
+  ///@{
+  /// Unit of the positions. AUTO (default): the file's own, mm where it has none. Velocities and
+  /// accelerations always have the file's own (m/s and m/s2 where it has none).
+  vtkSetClampMacro(LengthUnit, int, AUTO, MICROMETRE);
+  vtkGetMacro(LengthUnit, int);
+  ///@}
+
+  ///@{
+  /// Time between two snapshots in s, used only where the file gives no time: then the time is the number in
+  /// the zone's title (else in the file's name, else the place in the series) times this. 0 (default): not
+  /// known; 1 s is taken, with a warning. Range 0 and more.
+  vtkSetClampMacro(FramePeriod, double, 0, VTK_DOUBLE_MAX);
+  vtkGetMacro(FramePeriod, double);
+  ///@}
+
+  ///@{
+  /// Added to all times, s. Default 0.
+  vtkSetMacro(TimeShift, double);
+  vtkGetMacro(TimeShift, double);
+  ///@}
+
+  ///@{
+  /// Let the first snapshot be at time 0 (plus TimeShift); a file's times may come from an absolute clock.
+  /// Default off.
+  vtkSetMacro(ShiftTimeToZero, bool);
+  vtkGetMacro(ShiftTimeToZero, bool);
+  vtkBooleanMacro(ShiftTimeToZero, bool);
+  ///@}
+
+  enum OutputModes { PARTICLES = 0, PATHLINES = 1 };
+  ///@{
+  /// PARTICLES (default) or PATHLINES.
+  vtkSetClampMacro(OutputMode, int, PARTICLES, PATHLINES);
+  vtkGetMacro(OutputMode, int);
+  ///@}
+
+  ///@{
+  /// Pathlines: over how many snapshots they reach back, the current one included. Default 10, at least 1.
+  vtkSetClampMacro(TrailLength, int, 1, VTK_INT_MAX);
+  vtkGetMacro(TrailLength, int);
+  ///@}
+
+  ///@{
+  /// Only tracks that appear in at least so many snapshots of the whole series. Default 1: all. A larger
+  /// value makes the reader go through all files once. Range 1 to 65535.
+  vtkSetClampMacro(MinimumTrackLength, int, 1, 65535);
+  vtkGetMacro(MinimumTrackLength, int);
+  ///@}
+
+  ///@{
+  /// Only tracks whose id is in this range, both ends included; a negative end is open. Default -1, -1: all.
+  vtkSetVector2Macro(TrackIdRange, vtkIdType);
+  vtkGetVector2Macro(TrackIdRange, vtkIdType);
+  ///@}
+
+  ///@{
+  /// Only the tracks whose id is a multiple of this: every n-th of ids that are numbered through, and a track
+  /// stays or goes as a whole. Particles without a track are counted off in the file's order. Default 1: all.
+  vtkSetClampMacro(Stride, int, 1, VTK_INT_MAX);
+  vtkGetMacro(Stride, int);
+  ///@}
+
+  ///@{
+  /// Memory for snapshots that were read before, MiB: going back, and moving a pathline window on, need not
+  /// read them again. Default 256. Range 0 and more.
+  vtkSetClampMacro(CacheSize, int, 0, VTK_INT_MAX);
+  vtkGetMacro(CacheSize, int);
+  ///@}
+
+protected:
+  vtkSTBTrackReader();
+  ~vtkSTBTrackReader() override;
+
+  int RequestInformation(vtkInformation*, vtkInformationVector**, vtkInformationVector*) override;
+  int RequestData(vtkInformation*, vtkInformationVector**, vtkInformationVector*) override;
+
+  int LengthUnit = AUTO;
+  double FramePeriod = 0;
+  double TimeShift = 0;
+  bool ShiftTimeToZero = false;
+  int OutputMode = PARTICLES;
+  int TrailLength = 10;
+  int MinimumTrackLength = 1;
+  vtkIdType TrackIdRange[2] = {-1, -1};
+  int Stride = 1;
+  int CacheSize = 256;
+
+private:
+  vtkSTBTrackReader(const vtkSTBTrackReader&) = delete;
+  void operator=(const vtkSTBTrackReader&) = delete;
+
+  std::vector<std::string> FileNames;
+  struct Series;
+  std::unique_ptr<Series> Open;
+};
+
+#endif
