@@ -161,12 +161,14 @@ void differentiate(const Neighbours<unsigned char>& valid, int order, const Sour
   }
 }
 
-float middleEigenvalue(const Eigen::Matrix3f& gradient) {
-  const Eigen::Matrix3f s = 0.5f * (gradient + gradient.transpose());
-  const Eigen::Matrix3f o = 0.5f * (gradient - gradient.transpose());
-  Eigen::SelfAdjointEigenSolver<Eigen::Matrix3f> solver;
+/// Double, because the closed form loses half of the digits where two eigenvalues agree, as in solid
+/// rotation.
+float middleEigenvalue(const Eigen::Matrix3d& gradient) {
+  const Eigen::Matrix3d s = 0.5 * (gradient + gradient.transpose());
+  const Eigen::Matrix3d o = 0.5 * (gradient - gradient.transpose());
+  Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver;
   solver.computeDirect(s * s + o * o, Eigen::EigenvaluesOnly);
-  return solver.eigenvalues()[1];
+  return float(solver.eigenvalues()[1]);
 }
 
 /// Everything that one thread needs for the rows it works on.
@@ -262,7 +264,7 @@ private:
     }
     if (out.lambda2)
       for (int i = 0; i < n; ++i) {
-        Eigen::Matrix3f gradient;
+        Eigen::Matrix3d gradient;
         gradient << g[0][i], g[1][i], g[2][i], g[3][i], g[4][i], g[5][i], g[6][i], g[7][i], g[8][i];
         out.lambda2[first + i] = middleEigenvalue(gradient);
       }
