@@ -1,11 +1,13 @@
 #include "TrackPathlines.h"
 
 #include <algorithm>
+#include <numeric>
 #include <stdexcept>
 
 namespace rimflow {
 
-void PathlineBuilder::add(const TrackSnapshot& snapshot, double time) {
+void PathlineBuilder::add(std::shared_ptr<const TrackSnapshot> given, double time) {
+  const TrackSnapshot& snapshot = *given;
   if (snapshot.size() > 0 && snapshot.trackId.empty())
     throw std::runtime_error(
         "Pathlines need the trackID of each particle, and there is no such column. Export the "
@@ -13,9 +15,12 @@ void PathlineBuilder::add(const TrackSnapshot& snapshot, double time) {
   const std::int32_t k = std::int32_t(parts.size());
   std::vector<std::uint32_t> rows;
   std::vector<std::int32_t> run;
+  rows.reserve(snapshot.size());
+  run.reserve(snapshot.size());
+  const bool all = selection.keepsAll();
   for (std::size_t r = 0; r < snapshot.size(); ++r) {
     const std::int64_t id = snapshot.trackId[r];
-    if (id < 0 || !selection.keeps(id, r)) continue;
+    if (id < 0 || !(all || selection.keeps(id, r))) continue;
     std::int32_t& slot = latest[id];
     if (slot != IdTable::none && runs[std::size_t(slot)].last == k) {
       ++duplicates;
@@ -29,9 +34,13 @@ void PathlineBuilder::add(const TrackSnapshot& snapshot, double time) {
     rows.push_back(std::uint32_t(r));
     run.push_back(slot);
   }
-  parts.push_back(takeRows(snapshot, rows));
-  runOf.push_back(std::move(run));
-  times.push_back(time);
+  if (2 * rows.size() < snapshot.size()) {
+    given = std::make_shared<TrackSnapshot>(takeRows(snapshot, rows));
+    std::iota(rows.begin(), rows.end(), 0u);
+    rows.shrink_to_fit();
+    run.shrink_to_fit();
+  }
+  parts.push_back({std::move(given), std::move(rows), std::move(run), time});
 }
 
 Pathlines PathlineBuilder::finish() {
@@ -54,11 +63,11 @@ Pathlines PathlineBuilder::finish() {
 
   // An array is output when every part with particles has it.
   std::vector<const TrackSnapshot*> filled;
-  for (const TrackSnapshot& p : parts)
-    if (p.size() > 0) filled.push_back(&p);
-  const auto place = [&](std::size_t k, std::size_t row) {
-    const std::int32_t r = runOf[k][row];
-    return std::size_t(begin[std::size_t(r)] + (std::int32_t(k) - runs[std::size_t(r)].first));
+  for (const Part& p : parts)
+    if (!p.rows.empty()) filled.push_back(p.particles.get());
+  const auto place = [&](std::size_t k, std::size_t i) {
+    const std::size_t r = std::size_t(parts[k].run[i]);
+    return std::size_t(begin[r] + (std::int32_t(k) - runs[r].first));
   };
   const auto scatter = [&](auto& to, std::size_t width, const char* name, const auto& valuesOf) {
     const auto has = [&](const TrackSnapshot* p) { return !valuesOf(*p).empty(); };
@@ -69,10 +78,11 @@ Pathlines PathlineBuilder::finish() {
     to.resize(n * width);
 #pragma omp parallel for schedule(dynamic)
     for (int k = 0; k < int(parts.size()); ++k) {
-      const auto& values = valuesOf(parts[std::size_t(k)]);
-      for (std::size_t row = 0; row < runOf[std::size_t(k)].size(); ++row)
-        std::copy_n(values.begin() + std::ptrdiff_t(row * width), width,
-                    to.begin() + std::ptrdiff_t(place(std::size_t(k), row) * width));
+      const Part& part = parts[std::size_t(k)];
+      const auto& values = valuesOf(*part.particles);
+      for (std::size_t i = 0; i < part.rows.size(); ++i)
+        for (std::size_t c = 0, at = width * place(std::size_t(k), i); c < width; ++c)
+          to[at + c] = values[part.rows[i] * width + c];
     }
   };
   using Snapshot = TrackSnapshot;
@@ -104,7 +114,7 @@ Pathlines PathlineBuilder::finish() {
 
   lines.time.resize(n);
   for (std::size_t k = 0; k < parts.size(); ++k)
-    for (std::size_t row = 0; row < runOf[k].size(); ++row) lines.time[place(k, row)] = times[k];
+    for (std::size_t i = 0; i < parts[k].rows.size(); ++i) lines.time[place(k, i)] = parts[k].time;
   return lines;
 }
 

@@ -4,6 +4,7 @@
 #include "TrackSnapshot.h"
 
 #include <cstdint>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -27,8 +28,9 @@ struct Pathlines {
 class PathlineBuilder {
 public:
   explicit PathlineBuilder(const TrackSelection& selection) : selection(selection) {}
-  /// Throws std::runtime_error when the particles have no trackId.
-  void add(const TrackSnapshot& snapshot, double time);
+  /// Throws std::runtime_error when the particles have no trackId. The snapshot is kept until finish() where
+  /// most of its particles are needed, otherwise these are copied.
+  void add(std::shared_ptr<const TrackSnapshot> snapshot, double time);
   Pathlines finish();
 
 private:
@@ -39,9 +41,13 @@ private:
   TrackSelection selection;
   IdTable latest;        // the latest run of each track
   std::vector<Run> runs; // in the order of their first points
-  std::vector<TrackSnapshot> parts;
-  std::vector<std::vector<std::int32_t>> runOf; // of each row of each part
-  std::vector<double> times;
+  struct Part {
+    std::shared_ptr<const TrackSnapshot> particles;
+    std::vector<std::uint32_t> rows; // of the particles that belong to a run
+    std::vector<std::int32_t> run;   // of each of these rows
+    double time;
+  };
+  std::vector<Part> parts;
   std::size_t duplicates = 0;
 };
 

@@ -50,21 +50,20 @@ std::vector<std::uint32_t> selectedRows(const TrackSnapshot& snapshot, const Tra
 }
 
 namespace {
-template <class T>
-std::vector<T> take(const std::vector<T>& values, const std::vector<std::uint32_t>& rows, std::size_t width) {
-  std::vector<T> taken;
-  if (values.empty()) return taken;
-  taken.reserve(rows.size() * width);
-  for (const std::uint32_t r : rows)
-    for (std::size_t c = 0; c < width; ++c) taken.push_back(values[r * width + c]);
+template <std::size_t width, class T>
+std::vector<T> take(const std::vector<T>& values, const std::vector<std::uint32_t>& rows) {
+  if (values.size() == rows.size() * width) return values; // all of them
+  std::vector<T> taken(values.empty() ? 0 : rows.size() * width);
+  for (std::size_t i = 0; i < taken.size() / width; ++i)
+    for (std::size_t c = 0; c < width; ++c) taken[i * width + c] = values[rows[i] * width + c];
   return taken;
 }
 } // namespace
 
 TrackSnapshot takeRows(const TrackSnapshot& s, const std::vector<std::uint32_t>& rows) {
-  TrackSnapshot taken{take(s.position, rows, 3),  take(s.velocity, rows, 3), take(s.acceleration, rows, 3),
-                      take(s.intensity, rows, 1), take(s.trackId, rows, 1),  {}};
-  for (const TrackColumn& c : s.further) taken.further.push_back({c.name, take(c.values, rows, 1)});
+  TrackSnapshot taken{take<3>(s.position, rows),  take<3>(s.velocity, rows), take<3>(s.acceleration, rows),
+                      take<1>(s.intensity, rows), take<1>(s.trackId, rows),  {}};
+  for (const TrackColumn& c : s.further) taken.further.push_back({c.name, take<1>(c.values, rows)});
   return taken;
 }
 

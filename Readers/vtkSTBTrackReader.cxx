@@ -216,7 +216,7 @@ struct vtkSTBTrackReader::Series {
       progressBegin = begin + (1 - begin) * double(i) / double(count);
       progressEnd = begin + (1 - begin) * double(i + 1) / double(count);
       const std::size_t s = snapshot + 1 - count + i;
-      builder.add(*read(s), line.times[s]);
+      builder.add(read(s), line.times[s]);
     }
     const rimflow::Pathlines lines = builder.finish();
     if (!lines.dropped.empty()) {

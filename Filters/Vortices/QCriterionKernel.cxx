@@ -161,7 +161,8 @@ void differentiate(const Neighbours<unsigned char>& valid, int order, const Sour
   }
 }
 
-/// In double: the closed-form eigenvalues lose half the digits.
+/// Double, because the closed form loses half of the digits where two eigenvalues agree, as in solid
+/// rotation.
 float middleEigenvalue(const Eigen::Matrix3d& gradient) {
   const Eigen::Matrix3d s = 0.5 * (gradient + gradient.transpose());
   const Eigen::Matrix3d o = 0.5 * (gradient - gradient.transpose());

@@ -24,6 +24,9 @@ TrackSnapshot snapshot(int k, const std::vector<std::int64_t>& ids, bool acceler
   s.further = {{"Extra", std::vector<double>(ids.size(), k)}};
   return s;
 }
+std::shared_ptr<const TrackSnapshot> shared(const TrackSnapshot& s) {
+  return std::make_shared<TrackSnapshot>(s);
+}
 std::vector<float> xOf(const Pathlines& p, std::size_t line) {
   std::vector<float> x;
   for (auto i = p.offsets[line]; i < p.offsets[line + 1]; ++i)
@@ -32,7 +35,8 @@ std::vector<float> xOf(const Pathlines& p, std::size_t line) {
 }
 Pathlines build(const std::vector<std::vector<std::int64_t>>& ids, const TrackSelection& selection = {}) {
   PathlineBuilder builder(selection);
-  for (std::size_t k = 0; k < ids.size(); ++k) builder.add(snapshot(int(k), ids[k]), 10 + 0.5 * double(k));
+  for (std::size_t k = 0; k < ids.size(); ++k)
+    builder.add(shared(snapshot(int(k), ids[k])), 10 + 0.5 * double(k));
   return builder.finish();
 }
 } // namespace
@@ -68,14 +72,14 @@ TEST(TrackPathlines, ParticlesWithoutTrackAndDuplicates) {
   EXPECT_TRUE(build({}).trackId.empty());
   TrackSnapshot noIds = snapshot(0, {1});
   noIds.trackId.clear();
-  EXPECT_THROW(PathlineBuilder({}).add(noIds, 0), std::runtime_error);
+  EXPECT_THROW(PathlineBuilder({}).add(shared(noIds), 0), std::runtime_error);
 }
 
 TEST(TrackPathlines, AnArrayThatOnlySomeSnapshotsHaveIsNamed) {
   PathlineBuilder builder({});
-  builder.add(snapshot(0, {1}, true), 0);
-  builder.add(snapshot(1, {1}, false), 1);
-  builder.add(snapshot(2, {}, false), 2);
+  builder.add(shared(snapshot(0, {1}, true)), 0);
+  builder.add(shared(snapshot(1, {1}, false)), 1);
+  builder.add(shared(snapshot(2, {}, false)), 2);
   const Pathlines p = builder.finish();
   EXPECT_TRUE(p.points.acceleration.empty());
   EXPECT_EQ(p.dropped, std::vector<std::string>{"Acceleration"});
