@@ -14,6 +14,8 @@ add_library(rimflow_kernels STATIC
   Readers/TrackRows.cxx
   Readers/TrackSelection.cxx
   Readers/TrackSynthesis.cxx
+  Filters/Locator/ParticleIndex.cxx
+  Filters/Locator/PublishedCost.cxx
   Filters/Locator/TrajectorySmoother.cxx
   Readers/TrackTimeline.cxx
   Filters/Vortices/QCriterionKernel.cxx
