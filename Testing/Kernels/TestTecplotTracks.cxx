@@ -6,9 +6,11 @@
 #include "TrackRows.h"
 
 #include <cmath>
+#include <csignal>
 #include <gtest/gtest.h>
 #include <omp.h>
 #include <random>
+#include <sys/resource.h>
 
 using namespace rimflow;
 using namespace testing_tracks;
@@ -325,6 +327,23 @@ TEST(TecplotTracks, GzipIsUnpackedByContent) {
   expectParts(errorOf({folder.writeGzip("v.dat.gz", text)}), {"v.dat.gz", "TMPDIR"});
   before ? setenv("TMPDIR", kept.c_str(), 1) : unsetenv("TMPDIR");
   expectParts(errorOf({"/dev/null"}), {"/dev/null: this is no ordinary file"});
+}
+
+TEST(TecplotTracks, NoRoomToUnpackIsAnError) {
+  Folder folder;
+  const Dialect d;
+  std::vector<long> many(20000);
+  for (std::size_t i = 0; i < many.size(); ++i) many[i] = long(i);
+  const std::string file = folder.writeGzip("t.dat.gz", d.variables() + d.zone(0, many));
+  rlimit before{};
+  getrlimit(RLIMIT_FSIZE, &before);
+  const rlimit small{1 << 20, before.rlim_max};
+  const auto handler = std::signal(SIGXFSZ, SIG_IGN);
+  setrlimit(RLIMIT_FSIZE, &small);
+  const std::string message = errorOf({file});
+  setrlimit(RLIMIT_FSIZE, &before);
+  std::signal(SIGXFSZ, handler);
+  expectParts(message, {"t.dat.gz: cannot be unpacked into ", "Free some space, set TMPDIR"});
 }
 
 TEST(TecplotTracks, ManySmallGzipFilesShareTheTemporarySpace) {
