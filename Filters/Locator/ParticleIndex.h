@@ -38,13 +38,12 @@ public:
 
   /// Calls use(id, dx, dy, dz) with the offset (float, m) from x for each particle closer than r; id is the
   /// place in the array that was given.
-  template <class Use> void forEachWithin(const Eigen::Vector3d& x, double r, Use&& use) const;
+  template <class Use>
+  void forEachWithin(const Eigen::Vector3d& x, double r, Use&& use) const;
   std::size_t countWithin(const Eigen::Vector3d& x, double r) const;
 
   /// Position k in the sorted order, m.
-  Eigen::Vector3d position(std::size_t k) const {
-    return box_.lower + Eigen::Vector3d(x_[k], y_[k], z_[k]);
-  }
+  Eigen::Vector3d position(std::size_t k) const { return box_.lower + Eigen::Vector3d(x_[k], y_[k], z_[k]); }
 
 private:
   int cellOf(int axis, double offset) const {

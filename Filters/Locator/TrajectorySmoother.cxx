@@ -258,8 +258,11 @@ Parameters likelyParameters(Smoother& smoother, const SmootherOptions& options) 
     fractions = {std::min(options.correlatedFraction, 0.95)};
   else if (few)
     fractions = {0};
+  std::vector<double> times{2 * step};
+  while (2.5 * times.back() <= smoother.duration()) times.push_back(2.5 * times.back());
+  if (options.correlationTime > 0) times = {options.correlationTime};
   for (const double fraction : fractions)
-    for (double time = 2 * step; time <= std::max(2 * step, smoother.duration()); time *= 2.5) {
+    for (const double time : times) {
       Parameters p;
       p.correlatedFraction = fraction;
       p.correlationTime = time;

@@ -17,6 +17,7 @@ struct SmootherOptions {
   double jerkIntensity = -1;      ///< spectral density q of the jerk, m2/s5; < 0: the most likely one
   double correlatedFraction = -1; ///< part of the single-snapshot variance that is correlated in time, 0 to
                                   ///< 0.95; < 0: the most likely one
+  double correlationTime = 0;     ///< T of that part, s; 0: the most likely one
   double velocityPrior = 1; ///< standard deviation of the velocity about its mean over the record, m/s, > 0
   double accelerationPrior = 10; ///< standard deviation of the acceleration about 0, m/s2, > 0
   double rejectionChiSquared =

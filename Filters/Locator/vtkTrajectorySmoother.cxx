@@ -155,6 +155,7 @@ int vtkTrajectorySmoother::RequestData(vtkInformation*, vtkInformationVector** i
   rimflow::SmootherOptions options;
   options.jerkIntensity = this->JerkIntensity;
   options.correlatedFraction = this->CorrelatedFraction;
+  options.correlationTime = this->CorrelationTime;
   try {
     fill(input, rimflow::smoothTrajectory(estimatesOf(input), options), output);
   } catch (const std::invalid_argument& error) {
@@ -168,5 +169,6 @@ int vtkTrajectorySmoother::RequestData(vtkInformation*, vtkInformationVector** i
 void vtkTrajectorySmoother::PrintSelf(ostream& os, vtkIndent indent) {
   this->Superclass::PrintSelf(os, indent);
   os << indent << "JerkIntensity: " << this->JerkIntensity << "\n"
-     << indent << "CorrelatedFraction: " << this->CorrelatedFraction << "\n";
+     << indent << "CorrelatedFraction: " << this->CorrelatedFraction << "\n"
+     << indent << "CorrelationTime: " << this->CorrelationTime << "\n";
 }

@@ -41,6 +41,12 @@ public:
   vtkGetMacro(CorrelatedFraction, double);
   ///@}
 
+  ///@{
+  /// Time over which that part is correlated, s. 0 (default): the most likely value.
+  vtkSetMacro(CorrelationTime, double);
+  vtkGetMacro(CorrelationTime, double);
+  ///@}
+
 protected:
   vtkTrajectorySmoother() = default;
   ~vtkTrajectorySmoother() override = default;
@@ -49,6 +55,7 @@ protected:
 
   double JerkIntensity = -1;
   double CorrelatedFraction = -1;
+  double CorrelationTime = 0;
 
 private:
   vtkTrajectorySmoother(const vtkTrajectorySmoother&) = delete;

@@ -1,0 +1,177 @@
+#include "SphereTracker.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+#include <vector>
+
+namespace rimflow {
+namespace {
+
+using Eigen::Vector3d;
+
+/// Whether a void near a guess is a sphere: as unlikely by chance as a capture must be, and tracers around
+/// it.
+bool isSphere(const VoidEstimate& v, const ParticleIndex& index, double searchVolume,
+              const TrackerOptions& o) {
+  const double radius = 0.5 * o.likelihood.diameter;
+  const double places = independentPlaces(std::min(searchVolume, index.box().volume()), radius);
+  return logFalseAlarm(v, std::max(1.0, places)) <= std::log(o.capture.falseAlarm) &&
+         enclosure(index, v.centre, radius) >= LeastEnclosure;
+}
+
+LocatedSphere fromLikelihood(const VoidEstimate& v) {
+  LocatedSphere s;
+  s.found = true;
+  s.text = "found";
+  s.centre = v.centre;
+  s.covariance = v.covariance;
+  s.cost = v.cost;
+  s.gradientNorm = v.gradientNorm;
+  s.iterations = v.iterations;
+  s.particlesInside = v.particlesInside;
+  s.offsetVoid = (v.voidMinimiser - v.centre).norm();
+  return s;
+}
+
+LocatedSphere fromPublished(const PublishedEstimate& e, double diameter) {
+  LocatedSphere s;
+  s.found = true;
+  s.text = e.convergence == Convergence::Gradient    ? "found"
+           : e.convergence == Convergence::NoDescent ? "found; stopped where no step goes downhill"
+                                                     : "found; stopped at the largest number of iterations";
+  if (!e.positiveDefinite)
+    s.text += "; the Hessian is not positive definite, so the covariance is that of a tenth of the diameter";
+  s.centre = e.centre;
+  s.covariance = e.positiveDefinite
+                     ? e.covariance
+                     : Eigen::Matrix3d(std::pow(0.1 * diameter, 2) * Eigen::Matrix3d::Identity());
+  s.cost = e.cost;
+  s.gradientNorm = e.gradientNorm;
+  s.iterations = e.iterations;
+  s.particlesInside = e.particlesInside;
+  s.offsetVoid = (e.voidMinimiser - e.centre).norm();
+  s.offsetVelocity = (e.velocityMinimiser - e.centre).norm();
+  s.offsetVortex = (e.vortexMinimiser - e.centre).norm();
+  return s;
+}
+
+/// No slip: the fit u = V + G s over the particles closer than R/10 to the wall, s their distance from it.
+void addWallVelocity(LocatedSphere& sphere, const ParticleIndex& index, const float* velocities,
+                     double radius) {
+  std::vector<Vector3d> u;
+  std::vector<double> s;
+  index.forEachWithin(sphere.centre, 1.1 * radius, [&](std::uint32_t id, float dx, float dy, float dz) {
+    const double distance = std::sqrt(double(dx) * dx + double(dy) * dy + double(dz) * dz) - radius;
+    const Vector3d velocity(velocities[3 * id], velocities[3 * id + 1], velocities[3 * id + 2]);
+    if (distance < 0 || !velocity.allFinite()) return;
+    s.push_back(distance);
+    u.push_back(velocity);
+  });
+  if (u.size() < 10) return;
+  const double n = double(u.size());
+  double meanS = 0, varianceS = 0;
+  Vector3d meanU = Vector3d::Zero(), covariance = Vector3d::Zero();
+  for (std::size_t k = 0; k < u.size(); ++k) {
+    meanS += s[k] / n;
+    meanU += u[k] / n;
+  }
+  for (std::size_t k = 0; k < u.size(); ++k) {
+    varianceS += std::pow(s[k] - meanS, 2) / n;
+    covariance += (s[k] - meanS) * (u[k] - meanU) / n;
+  }
+  if (varianceS <= 0) return;
+  const Vector3d slope = covariance / varianceS;
+  double residual = 0;
+  for (std::size_t k = 0; k < u.size(); ++k)
+    residual += (u[k] - meanU - slope * (s[k] - meanS)).squaredNorm() / (3 * (n - 2));
+  sphere.wallVelocity = meanU - slope * meanS;
+  sphere.wallVelocitySigma = std::sqrt(residual / n * (1 + meanS * meanS / varianceS));
+}
+
+} // namespace
+
+SphereTracker::SphereTracker(const TrackerOptions& options) : options_(options) {
+  const double d = options.likelihood.diameter;
+  if (!(d > 0) || !std::isfinite(d))
+    throw std::invalid_argument("the diameter is " + std::to_string(d) + " m; it must be greater than 0");
+  options_.published.diameter = d;
+  options_.published.searchSide = options.likelihood.searchSide;
+}
+
+/// The centre at `time` from the found snapshot nearest in time and the velocity over a base as long as the
+/// leap.
+std::optional<Vector3d> SphereTracker::predict(double time) const {
+  const auto nearest = [&](double target, double except) {
+    auto best = known_.end();
+    for (auto k = known_.begin(); k != known_.end(); ++k)
+      if (k->second.found && k->first != except &&
+          (best == known_.end() || std::abs(k->first - target) < std::abs(best->first - target)))
+        best = k;
+    return best;
+  };
+  const auto from = nearest(time, std::numeric_limits<double>::quiet_NaN());
+  if (from == known_.end()) return options_.guess;
+  const double leap = time - from->first;
+  const auto base = nearest(from->first - leap, from->first);
+  Vector3d velocity = from->second.wallVelocitySigma >= 0 ? from->second.wallVelocity : Vector3d::Zero();
+  if (base != known_.end())
+    velocity = (from->second.centre - base->second.centre) / (from->first - base->first);
+  return from->second.centre + leap * velocity;
+}
+
+LocatedSphere SphereTracker::search(const ParticleIndex& index, const std::optional<Vector3d>& guess,
+                                    const FlowField* flow, const Progress& progress) const {
+  LocatedSphere lost;
+  if (index.size() < 20) {
+    lost.text = "only " + std::to_string(index.size()) + " particles";
+    return lost;
+  }
+  const double diameter = options_.likelihood.diameter;
+  const double side = options_.likelihood.searchSide > 0 ? options_.likelihood.searchSide : diameter;
+  SeedingDensity seeding(index, 0.25 * diameter);
+  const bool published = options_.method == LocatorMethod::PublishedCost;
+
+  const auto at = [&](const Vector3d& x) -> std::optional<LocatedSphere> {
+    const Vector3d start = index.box().clamp(x);
+    const VoidEstimate v = published ? roughVoid(index, seeding, start, options_.likelihood)
+                                     : locateVoid(index, seeding, start, options_.likelihood);
+    if (!isSphere(v, index, side * side * side, options_)) return std::nullopt;
+    return published ? fromPublished(minimisePublishedCost(index, *flow, start, options_.published), diameter)
+                     : fromLikelihood(v);
+  };
+  if (guess)
+    if (const auto sphere = at(*guess)) return *sphere;
+  const CaptureResult capture =
+      captureSphere(index, seeding, options_.likelihood, options_.capture, progress);
+  if (!capture.found) {
+    lost.text = capture.reason;
+    return lost;
+  }
+  if (const auto sphere = at(capture.centre)) return *sphere;
+  lost.text = "a void was captured, but it is no sphere of this diameter when looked at closely";
+  return lost;
+}
+
+const LocatedSphere& SphereTracker::locate(double time, const SnapshotParticles& particles,
+                                           const FlowField* flow, const Progress& progress) {
+  const auto known = known_.find(time);
+  if (known != known_.end()) return known->second;
+  if (options_.method == LocatorMethod::PublishedCost && !flow)
+    throw std::invalid_argument(
+        "the published cost needs the flow on a grid with the arrays Velocity and QCriterion");
+  bool aborted = false;
+  const Progress watched = [&](double fraction) {
+    aborted = aborted || !goOn(progress, fraction);
+    return !aborted;
+  };
+  const ParticleIndex index(particles.positions, particles.count);
+  LocatedSphere sphere = search(index, predict(time), flow, watched);
+  if (aborted) return aborted_ = LocatedSphere{false, "aborted"};
+  if (sphere.found && particles.velocities)
+    addWallVelocity(sphere, index, particles.velocities, 0.5 * options_.likelihood.diameter);
+  return known_[time] = sphere;
+}
+
+} // namespace rimflow

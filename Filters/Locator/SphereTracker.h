@@ -1,0 +1,73 @@
+#pragma once
+#include "PublishedCost.h"
+#include "SphereCapture.h"
+
+#include <limits>
+#include <map>
+#include <optional>
+#include <string>
+
+namespace rimflow {
+
+enum class LocatorMethod { VoidLikelihood, PublishedCost };
+
+struct TrackerOptions {
+  LocatorMethod method = LocatorMethod::VoidLikelihood;
+  VoidLikelihoodOptions likelihood; ///< its diameter is the sphere's
+  PublishedCostOptions published;   ///< its diameter and searchSide are taken from `likelihood`
+  CaptureOptions capture;
+  std::optional<Eigen::Vector3d> guess; ///< of the centre in the first snapshot, m; none: capture
+};
+
+/// One snapshot as the tracker wants it.
+struct SnapshotParticles {
+  const float* positions = nullptr;  ///< x y z per particle, m
+  const float* velocities = nullptr; ///< three per particle, m/s, or null
+  std::size_t count = 0;
+};
+
+/// What one snapshot says of the sphere by itself. Offsets are distances from the centre of the place that a
+/// single criterion would choose, m; -1: not computed (the method or the flow is missing).
+struct LocatedSphere {
+  bool found = false;
+  std::string text;                                 ///< why it was not found, or what to know about the find
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero(); ///< m
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero(); ///< m2; positive definite when found
+  double cost = 0, gradientNorm = 0;                    ///< of -log L, or of J; the gradient in 1/m
+  int iterations = 0;
+  std::size_t particlesInside = 0;
+  double offsetVoid = -1, offsetVelocity = -1, offsetVortex = -1;
+  /// Velocity of the wall from the particles next to it (no slip), m/s; wallVelocitySigma < 0: too few of
+  /// them.
+  Eigen::Vector3d wallVelocity = Eigen::Vector3d::Zero();
+  double wallVelocitySigma = -1;
+};
+
+/// Follows a sphere through snapshots that come in any order. A snapshot's result is decided by its own
+/// particles; what was found at other times only says where to look first. Where nothing is there, the whole
+/// volume is searched.
+class SphereTracker {
+public:
+  /// Throws std::invalid_argument when the diameter is not greater than 0.
+  explicit SphereTracker(const TrackerOptions& options);
+
+  /// The sphere at `time`; kept, so that asking again costs nothing. flow: needed by the published cost.
+  /// When progress aborts, the result says so and is not kept.
+  const LocatedSphere& locate(double time, const SnapshotParticles& particles, const FlowField* flow,
+                              const Progress& progress = {});
+
+  bool knows(double time) const { return known_.count(time) > 0; }
+  /// Everything found so far, by time.
+  const std::map<double, LocatedSphere>& known() const { return known_; }
+
+private:
+  std::optional<Eigen::Vector3d> predict(double time) const;
+  LocatedSphere search(const ParticleIndex& index, const std::optional<Eigen::Vector3d>& guess,
+                       const FlowField* flow, const Progress& progress) const;
+
+  TrackerOptions options_;
+  std::map<double, LocatedSphere> known_;
+  LocatedSphere aborted_;
+};
+
+} // namespace rimflow

@@ -1,0 +1,400 @@
+#include "vtkInvisibleSphereLocator.h"
+
+#include "SphereTracker.h"
+#include "vtkFilterInput.h"
+#include "vtkGridFromImage.h"
+#include "vtkTrajectorySmoother.h"
+
+#include "vtkAlgorithmOutput.h"
+#include "vtkCellArray.h"
+#include "vtkDoubleArray.h"
+#include "vtkExecutive.h"
+#include "vtkFieldData.h"
+#include "vtkImageData.h"
+#include "vtkInformation.h"
+#include "vtkInformationVector.h"
+#include "vtkIntArray.h"
+#include "vtkNew.h"
+#include "vtkObjectFactory.h"
+#include "vtkPointData.h"
+#include "vtkPoints.h"
+#include "vtkPolyData.h"
+#include "vtkSphereSource.h"
+#include "vtkStreamingDemandDrivenPipeline.h"
+#include "vtkStringArray.h"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <stdexcept>
+#include <vector>
+
+vtkStandardNewMacro(vtkInvisibleSphereLocator);
+
+struct vtkInvisibleSphereLocator::Internals {
+  std::unique_ptr<rimflow::SphereTracker> tracker;
+  std::vector<double> settings; // that the tracker was made with
+  vtkMTimeType upstream = 0;    // of everything that the particles and the flow come from
+  std::vector<double> pending;  // times that ProcessAllTimes has still to visit
+  std::size_t pendingAtStart = 0;
+  bool looping = false;
+  double requested = 0; // the time that was asked for when the loop began
+  // the most likely parameters of the motion, kept while the number of snapshots hardly changes
+  std::size_t smoothedCount = 0;
+  double jerkIntensity = -1, correlatedFraction = -1, correlationTime = 0;
+};
+
+namespace {
+
+using rimflow::LocatedSphere;
+
+vtkMTimeType upstreamMTime(vtkAlgorithm* algorithm) {
+  vtkMTimeType latest = 0;
+  for (int port = 0; port < algorithm->GetNumberOfInputPorts(); ++port)
+    for (int c = 0; c < algorithm->GetNumberOfInputConnections(port); ++c) {
+      vtkAlgorithm* producer = algorithm->GetInputConnection(port, c)->GetProducer();
+      latest = std::max({latest, producer->GetMTime(), upstreamMTime(producer)});
+    }
+  return latest;
+}
+
+/// One row per snapshot under the names of the public contract.
+class Rows {
+public:
+  explicit Rows(double diameter) : diameter_(diameter) {
+    points_->SetDataTypeToDouble();
+    for (const auto& [name, components] : {std::pair{"Time", 1},
+                                           {"Centre", 3},
+                                           {"Velocity", 3},
+                                           {"Acceleration", 3},
+                                           {"Covariance", 6},
+                                           {"Sigma", 3},
+                                           {"SigmaTensor", 9},
+                                           {"Diameter", 1},
+                                           {"Cost", 1},
+                                           {"GradientNorm", 1},
+                                           {"OffsetVoid", 1},
+                                           {"OffsetVelocity", 1},
+                                           {"OffsetVortex", 1}}) {
+      vtkNew<vtkDoubleArray> array;
+      array->SetName(name);
+      array->SetNumberOfComponents(components);
+      data_->GetPointData()->AddArray(array);
+    }
+    for (const char* name : {"Iterations", "ParticlesInside", "Status"}) {
+      vtkNew<vtkIntArray> array;
+      array->SetName(name);
+      data_->GetPointData()->AddArray(array);
+    }
+    text_->SetName("StatusText");
+    data_->GetPointData()->AddArray(text_);
+    data_->SetPoints(points_);
+  }
+
+  void add(double time, const LocatedSphere& s) {
+    const Eigen::Matrix3d& c = s.covariance;
+    const double packed[6] = {c(0, 0), c(1, 1), c(2, 2), c(0, 1), c(1, 2), c(0, 2)};
+    const Eigen::Vector3d sigma = c.diagonal().cwiseSqrt();
+    const Eigen::Matrix3d root = Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(c).operatorSqrt();
+    const Eigen::Vector3d velocity = s.wallVelocitySigma >= 0 ? s.wallVelocity : Eigen::Vector3d::Zero();
+    points_->InsertNextPoint(s.centre.data());
+    tuple("Time", &time);
+    tuple("Centre", s.centre.data());
+    tuple("Velocity", velocity.data());
+    tuple("Acceleration", Eigen::Vector3d::Zero().eval().data());
+    tuple("Covariance", packed);
+    tuple("Sigma", sigma.data());
+    tuple("SigmaTensor", root.data());
+    tuple("Diameter", &diameter_);
+    tuple("Cost", &s.cost);
+    tuple("GradientNorm", &s.gradientNorm);
+    tuple("OffsetVoid", &s.offsetVoid);
+    tuple("OffsetVelocity", &s.offsetVelocity);
+    tuple("OffsetVortex", &s.offsetVortex);
+    const double counts[3] = {double(s.iterations), double(s.particlesInside), s.found ? 0. : 2.};
+    tuple("Iterations", counts);
+    tuple("ParticlesInside", counts + 1);
+    tuple("Status", counts + 2);
+    text_->InsertNextValue(s.text);
+  }
+
+  vtkPolyData* data() { return data_; }
+
+private:
+  void tuple(const char* name, const double* values) {
+    data_->GetPointData()->GetArray(name)->InsertNextTuple(values);
+  }
+
+  double diameter_;
+  vtkNew<vtkPolyData> data_;
+  vtkNew<vtkPoints> points_;
+  vtkNew<vtkStringArray> text_;
+};
+
+void addField(vtkPolyData* data, const char* name, double value) {
+  vtkNew<vtkDoubleArray> array;
+  array->SetName(name);
+  array->InsertNextValue(value);
+  data->GetFieldData()->AddArray(array);
+}
+
+/// What is said of a snapshot without a sphere.
+void fillLost(vtkPolyData* data, double time, double diameter, const std::string& why) {
+  addField(data, "Time", time);
+  addField(data, "Diameter", diameter);
+  vtkNew<vtkIntArray> status;
+  status->SetName("Status");
+  status->InsertNextValue(2);
+  data->GetFieldData()->AddArray(status);
+  vtkNew<vtkStringArray> text;
+  text->SetName("StatusText");
+  text->InsertNextValue(why);
+  data->GetFieldData()->AddArray(text);
+}
+
+void copyToFieldData(vtkPolyData* from, vtkPolyData* to) {
+  for (int a = 0; a < from->GetPointData()->GetNumberOfArrays(); ++a)
+    to->GetFieldData()->AddArray(from->GetPointData()->GetAbstractArray(a));
+}
+
+} // namespace
+
+vtkInvisibleSphereLocator::vtkInvisibleSphereLocator() : State(new Internals) {
+  this->SetNumberOfInputPorts(2);
+  this->SetNumberOfOutputPorts(3);
+  this->SetInputArrayToProcess(0, 0, 0, vtkDataObject::FIELD_ASSOCIATION_POINTS, "Velocity");
+}
+
+vtkInvisibleSphereLocator::~vtkInvisibleSphereLocator() = default;
+
+int vtkInvisibleSphereLocator::FillInputPortInformation(int port, vtkInformation* info) {
+  info->Set(vtkAlgorithm::INPUT_REQUIRED_DATA_TYPE(), port == 0 ? "vtkPolyData" : "vtkImageData");
+  if (port == 1) info->Set(vtkAlgorithm::INPUT_IS_OPTIONAL(), 1);
+  return 1;
+}
+
+int vtkInvisibleSphereLocator::RequestInformation(vtkInformation*, vtkInformationVector** inputs,
+                                                  vtkInformationVector* outputs) {
+  using Pipeline = vtkStreamingDemandDrivenPipeline;
+  vtkInformation* in = inputs[0]->GetInformationObject(0);
+  for (int port = 0; port < this->GetNumberOfOutputPorts(); ++port) {
+    vtkInformation* out = outputs->GetInformationObject(port);
+    if (in->Has(Pipeline::TIME_STEPS())) out->CopyEntry(in, Pipeline::TIME_STEPS());
+    if (in->Has(Pipeline::TIME_RANGE())) out->CopyEntry(in, Pipeline::TIME_RANGE());
+  }
+  return 1;
+}
+
+int vtkInvisibleSphereLocator::RequestUpdateExtent(vtkInformation* request, vtkInformationVector** inputs,
+                                                   vtkInformationVector* outputs) {
+  using Pipeline = vtkStreamingDemandDrivenPipeline;
+  Internals& state = *this->State;
+  if (this->ProcessAllTimes && !state.looping) {
+    this->RenewTracker();
+    vtkInformation* in = inputs[0]->GetInformationObject(0);
+    const int n = in->Length(Pipeline::TIME_STEPS());
+    const double* times = in->Get(Pipeline::TIME_STEPS());
+    state.pending.clear();
+    for (int k = n; k-- > 0;)
+      if (state.tracker && !state.tracker->knows(times[k])) state.pending.push_back(times[k]);
+    const int port = std::max(0, request->Get(vtkExecutive::FROM_OUTPUT_PORT()));
+    vtkInformation* out = outputs->GetInformationObject(port);
+    state.requested = out->Has(Pipeline::UPDATE_TIME_STEP()) ? out->Get(Pipeline::UPDATE_TIME_STEP())
+                      : n                                    ? times[0]
+                                                             : 0;
+    state.pendingAtStart = state.pending.size();
+    state.looping = !state.pending.empty();
+    state.pending.insert(state.pending.begin(),
+                         state.requested); // last, so that the inputs end at the time on show
+  }
+  if (state.looping)
+    for (int port = 0; port < 2; ++port)
+      if (inputs[port]->GetNumberOfInformationObjects() > 0)
+        inputs[port]->GetInformationObject(0)->Set(Pipeline::UPDATE_TIME_STEP(), state.pending.back());
+  return 1;
+}
+
+void vtkInvisibleSphereLocator::RenewTracker() {
+  Internals& state = *this->State;
+  std::vector<double> settings{this->Diameter,     double(this->Method), double(this->UseInitialGuess),
+                               this->SearchRadius, this->PositionNoise,  this->GhostRate};
+  if (this->UseInitialGuess) settings.insert(settings.end(), this->InitialGuess, this->InitialGuess + 3);
+  if (this->Method == PUBLISHED_COST)
+    settings.insert(settings.end(),
+                    {this->UpDirection[0], this->UpDirection[1], this->UpDirection[2], this->WeightVelocity,
+                     this->WeightVortex, this->ShellA, this->ShellB, this->ShellC, this->ShellE,
+                     this->FiniteDifferenceStep, double(this->MaximumIterations)});
+  const vtkMTimeType upstream = upstreamMTime(this);
+  if (state.tracker && settings == state.settings && upstream == state.upstream) return;
+
+  rimflow::TrackerOptions o;
+  o.method = this->Method == PUBLISHED_COST ? rimflow::LocatorMethod::PublishedCost
+                                            : rimflow::LocatorMethod::VoidLikelihood;
+  o.likelihood.diameter = this->Diameter;
+  o.likelihood.positionNoise = this->PositionNoise;
+  o.likelihood.ghostRate = this->GhostRate;
+  o.likelihood.searchSide = 2 * this->SearchRadius;
+  o.published.up = Eigen::Vector3d(this->UpDirection);
+  o.published.weightVelocity = this->WeightVelocity;
+  o.published.weightVortex = this->WeightVortex;
+  o.published.a = this->ShellA;
+  o.published.b = this->ShellB;
+  o.published.c = this->ShellC;
+  o.published.e = this->ShellE;
+  o.published.step = this->FiniteDifferenceStep;
+  o.published.maximumIterations = this->MaximumIterations;
+  if (this->UseInitialGuess) o.guess = Eigen::Vector3d(this->InitialGuess);
+  state = Internals();
+  state.tracker = std::make_unique<rimflow::SphereTracker>(o); // throws when the diameter is no diameter
+  state.settings = settings;
+  state.upstream = upstream;
+}
+
+void vtkInvisibleSphereLocator::LocateAt(double time, vtkPolyData* particles, vtkImageData* image) {
+  if (this->State->tracker->knows(time)) return;
+  rimflow::SnapshotParticles snapshot;
+  vtkSmartPointer<vtkFloatArray> positions, velocities, flowVelocity, flowQ;
+  if (particles->GetPoints()) {
+    positions = rimflow::asFloat(particles->GetPoints()->GetData());
+    snapshot.positions = positions->GetPointer(0);
+    snapshot.count = std::size_t(particles->GetNumberOfPoints());
+  }
+  velocities = rimflow::asFloat(rimflow::pointVectors(this, particles, 0, "Velocity"));
+  if (velocities) snapshot.velocities = velocities->GetPointer(0);
+
+  rimflow::FlowField flow;
+  std::vector<unsigned char> mask;
+  if (this->Method == PUBLISHED_COST) {
+    vtkDataArray* q = image ? image->GetPointData()->GetArray("QCriterion") : nullptr;
+    vtkDataArray* u = image ? image->GetPointData()->GetArray("Velocity") : nullptr;
+    if (!q || !u || u->GetNumberOfComponents() != 3)
+      throw std::invalid_argument(
+          std::string("the published cost needs the flow on a grid: ") +
+          (image ? "the Flow input has " + rimflow::arrayNames(image) +
+                       ", and Velocity and QCriterion are needed"
+                 : "connect the output of Q-Criterion (after VIC# Resample of the same particles) to Flow") +
+          ", or choose the void likelihood");
+    flowVelocity = rimflow::asFloat(u);
+    flowQ = rimflow::asFloat(q);
+    mask = rimflow::maskOf(image);
+    flow = {rimflow::gridOf(image), flowVelocity->GetPointer(0), flowQ->GetPointer(0),
+            mask.empty() ? nullptr : mask.data()};
+  }
+  const auto progress = [this](double fraction) {
+    const Internals& s = *this->State;
+    const double done = s.looping ? (double(s.pendingAtStart) - double(s.pending.size()) + 1 + fraction) /
+                                        double(s.pendingAtStart)
+                                  : fraction;
+    this->UpdateProgress(std::min(1.0, std::max(0.0, done)));
+    return !rimflow::aborted(this);
+  };
+  this->State->tracker->locate(time, snapshot, flow.velocity ? &flow : nullptr, progress);
+}
+
+int vtkInvisibleSphereLocator::RequestData(vtkInformation* request, vtkInformationVector** inputs,
+                                           vtkInformationVector* outputs) {
+  Internals& state = *this->State;
+  for (int port = 0; port < 3; ++port) vtkPolyData::GetData(outputs, port)->Initialize();
+  vtkPolyData* particles = vtkPolyData::GetData(inputs[0]);
+  vtkImageData* flow =
+      inputs[1]->GetNumberOfInformationObjects() > 0 ? vtkImageData::GetData(inputs[1]) : nullptr;
+  vtkInformation* data = particles->GetInformation();
+  const double time =
+      data->Has(vtkDataObject::DATA_TIME_STEP()) ? data->Get(vtkDataObject::DATA_TIME_STEP()) : 0;
+  try {
+    this->RenewTracker();
+    this->LocateAt(time, particles, flow);
+    if (state.looping) {
+      if (!state.pending.empty()) state.pending.pop_back();
+      if (!state.pending.empty() && !rimflow::aborted(this)) {
+        request->Set(vtkStreamingDemandDrivenPipeline::CONTINUE_EXECUTING(), 1);
+        return 1;
+      }
+      request->Remove(vtkStreamingDemandDrivenPipeline::CONTINUE_EXECUTING());
+      state.looping = false;
+    }
+    if (!rimflow::aborted(this)) this->FillOutputs(time, outputs);
+  } catch (const std::exception& error) {
+    request->Remove(vtkStreamingDemandDrivenPipeline::CONTINUE_EXECUTING());
+    state.looping = false;
+    for (int port = 0; port < 3; ++port) vtkPolyData::GetData(outputs, port)->Initialize();
+    vtkErrorMacro("The sphere cannot be located: " << error.what() << ".");
+    return 0;
+  }
+  return 1;
+}
+
+void vtkInvisibleSphereLocator::FillOutputs(double time, vtkInformationVector* outputs) {
+  Internals& state = *this->State;
+  const auto& known = state.tracker->known();
+  const auto here = known.find(time);
+  if (here == known.end()) return; // aborted
+
+  // Port 2: everything known, smoothed.
+  vtkPolyData* trajectory = vtkPolyData::GetData(outputs, 2);
+  Rows all(this->Diameter);
+  vtkIdType row = -1;
+  for (const auto& [t, sphere] : known) {
+    if (!sphere.found) continue; // nothing to draw; its time is bridged when neighbours are known
+    if (t == time) row = all.data()->GetNumberOfPoints();
+    all.add(t, sphere);
+  }
+  const auto count = std::size_t(all.data()->GetNumberOfPoints());
+  if (count > 1) {
+    vtkNew<vtkTrajectorySmoother> smoother;
+    const bool fresh = count > 30 && count < 1.2 * state.smoothedCount && count >= state.smoothedCount;
+    smoother->SetJerkIntensity(fresh ? state.jerkIntensity : -1);
+    smoother->SetCorrelatedFraction(fresh ? state.correlatedFraction : -1);
+    smoother->SetCorrelationTime(fresh ? state.correlationTime : 0);
+    smoother->SetInputData(all.data());
+    smoother->Update();
+    trajectory->ShallowCopy(smoother->GetOutput());
+    if (!fresh) {
+      state.smoothedCount = count;
+      state.jerkIntensity = trajectory->GetFieldData()->GetArray("JerkIntensity")->GetTuple1(0);
+      state.correlatedFraction = trajectory->GetFieldData()->GetArray("CorrelatedFraction")->GetTuple1(0);
+      state.correlationTime = trajectory->GetFieldData()->GetArray("CorrelationTime")->GetTuple1(0);
+    }
+  } else {
+    trajectory->ShallowCopy(all.data());
+  }
+
+  // Ports 1 and 0: this snapshot.
+  vtkPolyData* centre = vtkPolyData::GetData(outputs, 1);
+  vtkPolyData* surface = vtkPolyData::GetData(outputs, 0);
+  if (!here->second.found) {
+    fillLost(centre, time, this->Diameter, here->second.text);
+    fillLost(surface, time, this->Diameter, here->second.text);
+  } else {
+    Rows one(this->Diameter);
+    one.add(time, here->second);
+    if (count > 1)
+      for (const char* name : {"Velocity", "Acceleration"})
+        one.data()->GetPointData()->GetArray(name)->SetTuple(0, row,
+                                                             trajectory->GetPointData()->GetArray(name));
+    centre->ShallowCopy(one.data());
+    vtkNew<vtkCellArray> vertex;
+    const vtkIdType first = 0;
+    vertex->InsertNextCell(1, &first);
+    centre->SetVerts(vertex);
+    copyToFieldData(centre, centre);
+    vtkNew<vtkSphereSource> source;
+    source->SetCenter(here->second.centre.data());
+    source->SetRadius(0.5 * this->Diameter);
+    source->SetThetaResolution(this->SphereResolution);
+    source->SetPhiResolution(this->SphereResolution / 2 + 1);
+    source->Update();
+    surface->ShallowCopy(source->GetOutput());
+    copyToFieldData(centre, surface);
+  }
+  for (vtkPolyData* output : {surface, centre, trajectory})
+    output->GetInformation()->Set(vtkDataObject::DATA_TIME_STEP(), time);
+}
+
+void vtkInvisibleSphereLocator::PrintSelf(ostream& os, vtkIndent indent) {
+  this->Superclass::PrintSelf(os, indent);
+  os << indent << "Diameter: " << this->Diameter << "\n"
+     << indent << "Method: " << (this->Method == PUBLISHED_COST ? "published cost" : "void likelihood")
+     << "\n"
+     << indent << "SearchRadius: " << this->SearchRadius << "\n"
+     << indent << "ProcessAllTimes: " << this->ProcessAllTimes << "\n";
+}

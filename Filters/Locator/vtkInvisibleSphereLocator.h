@@ -1,0 +1,182 @@
+/**
+ * @class vtkInvisibleSphereLocator
+ * @brief Finds the transparent sphere among tracer particles
+ *
+ * Input 0, `Particles`: vtkPolyData, one point per particle, metres; its velocity (SetInputArrayToProcess
+ * index 0, else `Velocity`) is optional. Input 1, `Flow` (optional; needed by the published cost):
+ * vtkImageData with `Velocity` (m/s) and `QCriterion` (1/s2).
+ *
+ * Output 0, Sphere: the surface at the found place, with point normals; the arrays of output 1 as field data,
+ * so that it serves as a Body. Empty when the sphere was not found. Output 1, Centre: one point with, as
+ * point and field data, what this snapshot says by itself: `Time` (s), `Centre`, `Velocity`, `Acceleration`
+ * (3), `Covariance` (6: xx yy zz xy yz xz, m2), `Sigma` (3, m), `SigmaTensor` (9, m, square root of the
+ * covariance, for Tensor Glyph), `Diameter` (m), `Cost`, `GradientNorm` (1/m), `Iterations`,
+ * `ParticlesInside`, `OffsetVoid`, `OffsetVelocity`, `OffsetVortex` (m; -1: not computed), `Status` (0 found,
+ * 2 lost), `StatusText`. Velocity and Acceleration come from the smoothed trajectory; while only one snapshot
+ * is known, the velocity comes from the particles at the wall (no slip). When lost: no point, and Time,
+ * Diameter, Status and StatusText as field data. Output 2, Trajectory: a polyline over all times visited so
+ * far (all times with ProcessAllTimes), smoothed; the arrays of output 1 and those of vtkTrajectorySmoother,
+ * with `RawCentre` as the single-snapshot estimate.
+ *
+ * Every time is searched for once and kept until the particles or a property change. Times may come in any
+ * order: what was found at other times only says where to look first.
+ *
+ * Sources: section "Sphere Detection" of Jose et al. 2025 (published cost); VoidLikelihood.h,
+ * SphereCapture.h.
+ */
+#ifndef vtkInvisibleSphereLocator_h
+#define vtkInvisibleSphereLocator_h
+
+#include "vtkPolyDataAlgorithm.h"
+#include "vtkRIMFlowFiltersModule.h"
+
+#include <memory>
+#include <vector>
+
+class vtkImageData;
+
+class VTKRIMFLOWFILTERS_EXPORT vtkInvisibleSphereLocator : public vtkPolyDataAlgorithm {
+public:
+  static vtkInvisibleSphereLocator* New();
+  vtkTypeMacro(vtkInvisibleSphereLocator, vtkPolyDataAlgorithm);
+  void PrintSelf(ostream& os, vtkIndent indent) override;
+
+  enum Methods { VOID_LIKELIHOOD = 0, PUBLISHED_COST = 1 };
+
+  ///@{
+  /// Diameter of the sphere, m, > 0. Default 0.01111.
+  vtkSetMacro(Diameter, double);
+  vtkGetMacro(Diameter, double);
+  ///@}
+
+  ///@{
+  /// How the sphere is found: VOID_LIKELIHOOD (default) or PUBLISHED_COST.
+  vtkSetClampMacro(Method, int, VOID_LIKELIHOOD, PUBLISHED_COST);
+  vtkGetMacro(Method, int);
+  void SetMethodToVoidLikelihood() { this->SetMethod(VOID_LIKELIHOOD); }
+  void SetMethodToPublishedCost() { this->SetMethod(PUBLISHED_COST); }
+  ///@}
+
+  ///@{
+  /// Where to look first, m. Off by default: the whole volume is searched.
+  vtkSetMacro(UseInitialGuess, bool);
+  vtkGetMacro(UseInitialGuess, bool);
+  vtkBooleanMacro(UseInitialGuess, bool);
+  vtkSetVector3Macro(InitialGuess, double);
+  vtkGetVector3Macro(InitialGuess, double);
+  ///@}
+
+  ///@{
+  /// Half the side of the cube around the guess in which the centre is sought, m. 0 (default): half the
+  /// diameter.
+  vtkSetClampMacro(SearchRadius, double, 0, VTK_DOUBLE_MAX);
+  vtkGetMacro(SearchRadius, double);
+  ///@}
+
+  ///@{
+  /// Go through all times of the input in one update, so that Trajectory is whole. Default off.
+  vtkSetMacro(ProcessAllTimes, bool);
+  vtkGetMacro(ProcessAllTimes, bool);
+  vtkBooleanMacro(ProcessAllTimes, bool);
+  ///@}
+
+  ///@{
+  /// Void likelihood: standard deviation of a particle's position per component, m; 0 (default): from the
+  /// data.
+  vtkSetClampMacro(PositionNoise, double, 0, VTK_DOUBLE_MAX);
+  vtkGetMacro(PositionNoise, double);
+  ///@}
+
+  ///@{
+  /// Void likelihood: density of ghost particles inside the sphere over the seeding density, 0 to 1; negative
+  /// (default): from the data.
+  vtkSetMacro(GhostRate, double);
+  vtkGetMacro(GhostRate, double);
+  ///@}
+
+  ///@{
+  /// Published cost: the direction against gravity. Default (0, 1, 0).
+  vtkSetVector3Macro(UpDirection, double);
+  vtkGetVector3Macro(UpDirection, double);
+  ///@}
+
+  ///@{
+  /// Published cost: w1 and w2. Defaults 3.077 and 4.415.
+  vtkSetMacro(WeightVelocity, double);
+  vtkGetMacro(WeightVelocity, double);
+  vtkSetMacro(WeightVortex, double);
+  vtkGetMacro(WeightVortex, double);
+  ///@}
+
+  ///@{
+  /// Published cost: radii of the shells over the sphere's radius. Defaults 1.1, 1.5, 2 and 2.5; 0 < b < c, e
+  /// > 1.
+  vtkSetMacro(ShellA, double);
+  vtkGetMacro(ShellA, double);
+  vtkSetMacro(ShellB, double);
+  vtkGetMacro(ShellB, double);
+  vtkSetMacro(ShellC, double);
+  vtkGetMacro(ShellC, double);
+  vtkSetMacro(ShellE, double);
+  vtkGetMacro(ShellE, double);
+  ///@}
+
+  ///@{
+  /// Published cost: step of the finite differences, m; 0 (default): the grid spacing.
+  vtkSetClampMacro(FiniteDifferenceStep, double, 0, VTK_DOUBLE_MAX);
+  vtkGetMacro(FiniteDifferenceStep, double);
+  ///@}
+
+  ///@{
+  /// Published cost: conjugate-gradient steps at most, >= 1. Default 100.
+  vtkSetClampMacro(MaximumIterations, int, 1, VTK_INT_MAX);
+  vtkGetMacro(MaximumIterations, int);
+  ///@}
+
+  ///@{
+  /// Facets around the sphere's surface, 8 to 512. Default 64.
+  vtkSetClampMacro(SphereResolution, int, 8, 512);
+  vtkGetMacro(SphereResolution, int);
+  ///@}
+
+protected:
+  vtkInvisibleSphereLocator();
+  ~vtkInvisibleSphereLocator() override;
+
+  int FillInputPortInformation(int port, vtkInformation* info) override;
+  int RequestInformation(vtkInformation*, vtkInformationVector**, vtkInformationVector*) override;
+  int RequestUpdateExtent(vtkInformation*, vtkInformationVector**, vtkInformationVector*) override;
+  int RequestData(vtkInformation*, vtkInformationVector**, vtkInformationVector*) override;
+
+  double Diameter = 0.01111;
+  int Method = VOID_LIKELIHOOD;
+  bool UseInitialGuess = false;
+  double InitialGuess[3] = {0, 0, 0};
+  double SearchRadius = 0;
+  bool ProcessAllTimes = false;
+  double PositionNoise = 0;
+  double GhostRate = -1;
+  double UpDirection[3] = {0, 1, 0};
+  double WeightVelocity = 3.077;
+  double WeightVortex = 4.415;
+  double ShellA = 1.1;
+  double ShellB = 1.5;
+  double ShellC = 2;
+  double ShellE = 2.5;
+  double FiniteDifferenceStep = 0;
+  int MaximumIterations = 100;
+  int SphereResolution = 64;
+
+private:
+  vtkInvisibleSphereLocator(const vtkInvisibleSphereLocator&) = delete;
+  void operator=(const vtkInvisibleSphereLocator&) = delete;
+
+  void RenewTracker();
+  void LocateAt(double time, vtkPolyData* particles, vtkImageData* flow);
+  void FillOutputs(double time, vtkInformationVector* outputs);
+
+  struct Internals;
+  std::unique_ptr<Internals> State;
+};
+
+#endif
