@@ -1,0 +1,53 @@
+#pragma once
+#include "Progress.h"
+#include "VoidLikelihood.h"
+
+#include <string>
+
+namespace rimflow {
+
+struct CaptureOptions {
+  double falseAlarm = 1e-5; ///< largest probability of a find in a volume without a sphere, 0 to 1
+  int candidates = 16;      ///< of the coarse scan that are looked at closely, >= 1
+};
+
+struct CaptureResult {
+  bool found = false;
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero(); ///< good to about R/20; the likelihood refines it
+  std::size_t particlesInside = 0;                  ///< in the best ball
+  double expectedInside = 0;                        ///< that it would hold without a sphere
+  double logFalseAlarm = 0;       ///< log of the probability of such a ball anywhere in the volume by chance
+  double secondLogFalseAlarm = 0; ///< the same of the best ball that does not overlap the first
+  std::string reason;             ///< why nothing was found
+};
+
+/// First capture without a guess: the emptiest ball of the sphere's diameter in the whole volume.
+/// 1. Every place on a grid of R/6: particles in a ball of 0.71 R (the largest that fits in the sphere from
+/// the
+///    nearest node) against those in the surroundings, by sums over a count grid.
+/// 2. The best places that do not overlap: climb to the void, then count against the local seeding n(x).
+/// 3. A find needs (independent places) x P(so few in a ball of fluid) <= falseAlarm, the log of the second
+/// factor
+///    divided by the seeding's dispersion, so that clustered seeding does not cry wolf; and it needs tracers
+///    around it: a notch in the edge of the seeding is no sphere. The centre lies inside the seeded box;
+///    outside nothing is expected, so nothing is missing.
+/// seeding: of the same particles; changed (it excludes the ball last looked at).
+CaptureResult captureSphere(const ParticleIndex& particles, SeedingDensity& seeding,
+                            const VoidLikelihoodOptions& sphere, const CaptureOptions& options = {},
+                            const Progress& progress = {});
+
+/// Log of the probability that chance makes a void like this somewhere among `places` independent places.
+double logFalseAlarm(const VoidEstimate& estimate, double places);
+
+/// Independent places for a ball of this radius in a volume: the balls' worth of volume times 240, for the
+/// places between them; measured on volumes without a sphere (Documentation/methods-locator.md).
+double independentPlaces(double volume, double radius);
+
+/// Share of the directions around a ball in which there are tracers just outside it (0 to 1). About 0.7 for a
+/// sphere whose centre lies on a face of the seeded volume, below 0.4 for a ball outside a convex volume.
+double enclosure(const ParticleIndex& particles, const Eigen::Vector3d& centre, double radius);
+
+/// Enclosure below which a void is no sphere for the capture.
+constexpr double LeastEnclosure = 0.55;
+
+} // namespace rimflow
