@@ -7,7 +7,7 @@
 namespace rimflow {
 
 struct CaptureOptions {
-  double falseAlarm = 1e-4; ///< largest probability of a find in a volume without a sphere, 0 to 1
+  double falseAlarm = 1e-5; ///< largest probability of a find in a volume without a sphere, 0 to 1
   int candidates = 16;      ///< of the coarse scan that are looked at closely, >= 1
 };
 
