@@ -14,14 +14,15 @@ add_library(rimflow_kernels STATIC
   Readers/TrackRows.cxx
   Readers/TrackSelection.cxx
   Readers/TrackSynthesis.cxx
+  Readers/TrackTimeline.cxx
   Filters/Locator/ImportanceSampling.cxx
   Filters/Locator/ParticleIndex.cxx
   Filters/Locator/PublishedCost.cxx
   Filters/Locator/SeedingDensity.cxx
   Filters/Locator/SphereCapture.cxx
+  Filters/Locator/SphereTracker.cxx
   Filters/Locator/TrajectorySmoother.cxx
   Filters/Locator/VoidLikelihood.cxx
-  Readers/TrackTimeline.cxx
   Filters/Vortices/QCriterionKernel.cxx
 )
 target_include_directories(rimflow_kernels PUBLIC

@@ -13,7 +13,7 @@ locator = simple.InvisibleSphereLocator(Particles=tracks, Diameter=float(sys.arg
 for time in tracks.TimestepValues:
     centre = simple.OutputPort(locator, 1)
     locator.UpdatePipeline(time)
-    row = simple.servermanager.Fetch(centre).GetPointData()
+    row = simple.servermanager.Fetch(centre, idx=1).GetPointData()
     if row.GetNumberOfTuples() == 0:
         print(f"{time:.6f} s: lost")
         continue

@@ -334,7 +334,7 @@ void vtkInvisibleSphereLocator::FillOutputs(double time, vtkInformationVector* o
   Rows all(this->Diameter);
   vtkIdType row = -1;
   for (const auto& [t, sphere] : known) {
-    if (!sphere.found) continue; // nothing to draw; its time is bridged when neighbours are known
+    if (!sphere.found) continue;
     if (t == time) row = all.data()->GetNumberOfPoints();
     all.add(t, sphere);
   }
