@@ -7,10 +7,10 @@ struct VoidLikelihoodOptions {
   double diameter = 0;      ///< of the sphere, m, > 0
   double positionNoise = 0; ///< standard deviation of a particle's position per component, m; 0: unknown,
                             ///< then averaged over a prior around 1/200 of the mean particle spacing
-  double ghostRate = -1; ///< density of ghost particles inside over the seeding density outside, below 1;
-                         ///< negative: estimated from the particles deep inside
-  double searchSide = 0; ///< side of the cube around the guess in which to look, m; 0: the diameter
-  int samples = 2048;    ///< of the posterior in the last round
+  double ghostRate = -1;    ///< density of ghost particles inside over the seeding density outside, below 1;
+                            ///< negative: estimated from the particles deep inside
+  double searchSide = 0;    ///< side of the cube around the guess in which to look, m; 0: the diameter
+  int samples = 2048;       ///< of the posterior in the last round
 };
 
 struct VoidEstimate {

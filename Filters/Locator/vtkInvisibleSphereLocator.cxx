@@ -4,8 +4,8 @@
 #include "vtkFilterInput.h"
 #include "vtkGridFromImage.h"
 #include "vtkTrajectorySmoother.h"
+#include "vtkUpstream.h"
 
-#include "vtkAlgorithmOutput.h"
 #include "vtkCellArray.h"
 #include "vtkDoubleArray.h"
 #include "vtkExecutive.h"
@@ -46,16 +46,6 @@ struct vtkInvisibleSphereLocator::Internals {
 namespace {
 
 using rimflow::LocatedSphere;
-
-vtkMTimeType upstreamMTime(vtkAlgorithm* algorithm) {
-  vtkMTimeType latest = 0;
-  for (int port = 0; port < algorithm->GetNumberOfInputPorts(); ++port)
-    for (int c = 0; c < algorithm->GetNumberOfInputConnections(port); ++c) {
-      vtkAlgorithm* producer = algorithm->GetInputConnection(port, c)->GetProducer();
-      latest = std::max({latest, producer->GetMTime(), upstreamMTime(producer)});
-    }
-  return latest;
-}
 
 /// One row per snapshot under the names of the public contract.
 class Rows {
@@ -223,7 +213,7 @@ void vtkInvisibleSphereLocator::RenewTracker() {
                     {this->UpDirection[0], this->UpDirection[1], this->UpDirection[2], this->WeightVelocity,
                      this->WeightVortex, this->ShellA, this->ShellB, this->ShellC, this->ShellE,
                      this->FiniteDifferenceStep, double(this->MaximumIterations)});
-  const vtkMTimeType upstream = upstreamMTime(this);
+  const vtkMTimeType upstream = rimflow::upstreamMTime(this);
   if (state.tracker && settings == state.settings && upstream == state.upstream) return;
 
   rimflow::TrackerOptions o;

@@ -1,0 +1,238 @@
+#include "vtkVICSharpResample.h"
+
+#include "ResamplingGrid.h"
+#include "VICSharp.h"
+#include "vtkBodyFromPolyData.h"
+#include "vtkFilterInput.h"
+#include "vtkGridFromImage.h"
+#include "vtkUpstream.h"
+
+#include "vtkDoubleArray.h"
+#include "vtkFieldData.h"
+#include "vtkImageData.h"
+#include "vtkInformation.h"
+#include "vtkInformationVector.h"
+#include "vtkNew.h"
+#include "vtkObjectFactory.h"
+#include "vtkPoints.h"
+#include "vtkPolyData.h"
+#include "vtkStreamingDemandDrivenPipeline.h"
+#include "vtkStringArray.h"
+
+#include <algorithm>
+#include <chrono>
+#include <optional>
+#include <stdexcept>
+#include <vector>
+
+vtkStandardNewMacro(vtkVICSharpResample);
+
+struct vtkVICSharpResample::Internals {
+  rimflow::Grid grid;
+  std::vector<double> settings; // that the grid was laid out with; empty: not yet
+  vtkMTimeType upstream = 0;    // of everything that the particles come from
+  std::shared_ptr<const void> lastSolution;
+};
+
+namespace {
+
+using Pipeline = vtkStreamingDemandDrivenPipeline;
+
+/// The particles' arrays as the kernel wants them; the smart pointers keep converted copies alive.
+struct Tracks {
+  vtkSmartPointer<vtkFloatArray> positions, velocities, accelerations;
+  rimflow::VICSharpTracks view() const {
+    return {positions->GetPointer(0), velocities->GetPointer(0),
+            accelerations ? accelerations->GetPointer(0) : nullptr,
+            std::size_t(positions->GetNumberOfTuples())};
+  }
+};
+
+void addPointArray(vtkImageData* image, const char* name, const std::vector<float>& values) {
+  vtkNew<vtkFloatArray> array;
+  array->SetName(name);
+  array->SetNumberOfComponents(3);
+  array->SetNumberOfTuples(vtkIdType(values.size() / 3));
+  std::copy(values.begin(), values.end(), array->GetPointer(0));
+  image->GetPointData()->AddArray(array);
+}
+
+void addMask(vtkImageData* image, const std::vector<unsigned char>& inside) {
+  vtkNew<vtkUnsignedCharArray> mask, ghosts;
+  mask->SetName("Mask");
+  ghosts->SetName(vtkDataSetAttributes::GhostArrayName());
+  for (vtkUnsignedCharArray* array : {mask.Get(), ghosts.Get()})
+    array->SetNumberOfTuples(vtkIdType(inside.size()));
+  for (std::size_t p = 0; p < inside.size(); ++p) {
+    mask->SetValue(vtkIdType(p), inside[p]);
+    ghosts->SetValue(vtkIdType(p), inside[p] ? vtkDataSetAttributes::HIDDENPOINT : 0);
+  }
+  image->GetPointData()->AddArray(mask);
+  image->GetPointData()->AddArray(ghosts);
+}
+
+void addNumber(vtkImageData* image, const char* name, double value) {
+  vtkNew<vtkDoubleArray> array;
+  array->SetName(name);
+  array->InsertNextValue(value);
+  image->GetFieldData()->AddArray(array);
+}
+
+void fill(vtkImageData* image, const rimflow::VICSharpResult& r) {
+  image->SetDimensions(r.grid.n.data());
+  image->SetSpacing(r.grid.spacing.data());
+  image->SetOrigin(r.grid.origin.data());
+  addPointArray(image, "Velocity", r.velocity);
+  addPointArray(image, "Vorticity", r.vorticity);
+  addPointArray(image, "MaterialAcceleration", r.acceleration);
+  image->GetPointData()->SetActiveVectors("Velocity");
+  if (!r.mask.empty()) addMask(image, r.mask);
+  addNumber(image, "Iterations", r.iterations);
+  addNumber(image, "MisfitVelocity", r.velocityMisfit);
+  addNumber(image, "MisfitAcceleration", r.accelerationMisfit);
+  addNumber(image, "DivergenceNorm", r.divergenceNorm);
+  addNumber(image, "VelocityNoise", r.velocityNoise);
+  addNumber(image, "AccelerationNoise", r.accelerationNoise);
+  addNumber(image, "ParticlesUsed", double(r.particlesUsed));
+  vtkNew<vtkStringArray> stop;
+  stop->SetName("StopReason");
+  stop->InsertNextValue(r.stop);
+  image->GetFieldData()->AddArray(stop);
+}
+
+} // namespace
+
+vtkVICSharpResample::vtkVICSharpResample() : State(new Internals) {
+  this->SetNumberOfInputPorts(2);
+  this->SetInputArrayToProcess(0, 0, 0, vtkDataObject::FIELD_ASSOCIATION_POINTS, "Velocity");
+  this->SetInputArrayToProcess(1, 0, 0, vtkDataObject::FIELD_ASSOCIATION_POINTS, "Acceleration");
+}
+
+vtkVICSharpResample::~vtkVICSharpResample() = default;
+
+int vtkVICSharpResample::FillInputPortInformation(int port, vtkInformation* info) {
+  info->Set(vtkAlgorithm::INPUT_REQUIRED_DATA_TYPE(), "vtkPolyData");
+  if (port == 1) info->Set(vtkAlgorithm::INPUT_IS_OPTIONAL(), 1);
+  return 1;
+}
+
+/// The grid is the same at all times: it is laid out for the snapshot in the middle of the series.
+void vtkVICSharpResample::LayOut(vtkInformation* in) {
+  const std::vector<double> settings{this->Spacing,   double(this->UseBounds), this->Bounds[0],
+                                     this->Bounds[1], this->Bounds[2],         this->Bounds[3],
+                                     this->Bounds[4], this->Bounds[5]};
+  const vtkMTimeType upstream = rimflow::upstreamMTime(this, 0);
+  Internals& state = *this->State;
+  if (settings == state.settings && upstream == state.upstream) return;
+  state = Internals();
+  vtkAlgorithm* producer = this->GetInputAlgorithm(0, 0);
+  const int steps = in->Length(Pipeline::TIME_STEPS());
+  if (steps > 0)
+    producer->UpdateTimeStep(in->Get(Pipeline::TIME_STEPS())[steps / 2]);
+  else
+    producer->Update();
+  vtkPolyData* particles = vtkPolyData::SafeDownCast(this->GetInputDataObject(0, 0));
+  std::optional<std::array<double, 6>> bounds;
+  if (this->UseBounds) {
+    bounds.emplace();
+    std::copy_n(this->Bounds, 6, bounds->begin());
+  }
+  const auto positions =
+      particles && particles->GetPoints() ? rimflow::asFloat(particles->GetPoints()->GetData()) : nullptr;
+  state.grid = rimflow::resamplingGrid(positions ? positions->GetPointer(0) : nullptr,
+                                       positions ? std::size_t(positions->GetNumberOfTuples()) : 0,
+                                       this->Spacing, bounds);
+  state.settings = settings;
+  state.upstream = upstream;
+}
+
+int vtkVICSharpResample::RequestInformation(vtkInformation*, vtkInformationVector** inputs,
+                                            vtkInformationVector* outputs) {
+  vtkInformation* in = inputs[0]->GetInformationObject(0);
+  vtkInformation* out = outputs->GetInformationObject(0);
+  try {
+    this->LayOut(in);
+  } catch (const std::invalid_argument& error) {
+    vtkErrorMacro("The tracks cannot be resampled: " << error.what() << ".");
+    return 0;
+  }
+  const rimflow::Grid& g = this->State->grid;
+  const int extent[6] = {0, g.n[0] - 1, 0, g.n[1] - 1, 0, g.n[2] - 1};
+  out->Set(Pipeline::WHOLE_EXTENT(), extent, 6);
+  out->Set(vtkDataObject::SPACING(), g.spacing.data(), 3);
+  out->Set(vtkDataObject::ORIGIN(), g.origin.data(), 3);
+  return 1;
+}
+
+int vtkVICSharpResample::RequestUpdateExtent(vtkInformation*, vtkInformationVector**, vtkInformationVector*) {
+  return 1; // the particles know no extents: nothing of the image's request is theirs
+}
+
+int vtkVICSharpResample::RequestData(vtkInformation*, vtkInformationVector** inputs,
+                                     vtkInformationVector* outputs) {
+  vtkImageData* output = vtkImageData::GetData(outputs);
+  output->Initialize();
+  vtkPolyData* particles = vtkPolyData::GetData(inputs[0]);
+  vtkPolyData* bodyData =
+      inputs[1]->GetNumberOfInformationObjects() > 0 ? vtkPolyData::GetData(inputs[1]) : nullptr;
+  vtkDataArray* velocity = rimflow::pointVectors(this, particles, 0, "Velocity");
+  vtkDataArray* acceleration =
+      this->UseAcceleration ? rimflow::pointVectors(this, particles, 1, "Acceleration", false) : nullptr;
+  if (!velocity || !particles->GetPoints()) {
+    vtkErrorMacro("No velocity found: the particles have "
+                  << rimflow::arrayNames(particles)
+                  << ". A point array with three components is needed, called "
+                     "Velocity or chosen as the input array.");
+    return 0;
+  }
+  const Tracks tracks{rimflow::asFloat(particles->GetPoints()->GetData()), rimflow::asFloat(velocity),
+                      rimflow::asFloat(acceleration)};
+  const auto start = std::chrono::steady_clock::now();
+  try {
+    rimflow::VICSharpOptions options;
+    const rimflow::Grid& g = this->State->grid;
+    options.spacing = g.spacing[0];
+    options.useBounds = true;
+    for (int a = 0; a < 3; ++a) {
+      options.bounds[2 * a] = g.origin[a];
+      options.bounds[2 * a + 1] = g.origin[a] + (g.n[a] - 1) * g.spacing[a];
+    }
+    options.viscosity = this->Viscosity;
+    options.velocityNoise = this->VelocityNoise;
+    options.accelerationNoise = this->AccelerationNoise;
+    options.maximumIterations = this->MaximumIterations;
+    if (bodyData) options.body = rimflow::bodyOf(bodyData);
+    const auto progress = [this](double fraction) {
+      this->UpdateProgress(fraction);
+      return !rimflow::aborted(this);
+    };
+    const auto warm = this->WarmStart ? this->State->lastSolution : nullptr;
+    const rimflow::VICSharpResult result = rimflow::vicSharp(tracks.view(), options, warm, progress);
+    if (result.aborted) return 1; // the output stays empty
+    this->State->lastSolution = result.warm;
+    fill(output, result);
+  } catch (const std::invalid_argument& error) {
+    output->Initialize();
+    vtkErrorMacro("The tracks cannot be resampled: " << error.what() << ".");
+    return 0;
+  }
+  addNumber(output, "ElapsedTime",
+            std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
+  vtkInformation* data = particles->GetInformation();
+  if (data->Has(vtkDataObject::DATA_TIME_STEP()))
+    output->GetInformation()->Set(vtkDataObject::DATA_TIME_STEP(),
+                                  data->Get(vtkDataObject::DATA_TIME_STEP()));
+  return 1;
+}
+
+void vtkVICSharpResample::PrintSelf(ostream& os, vtkIndent indent) {
+  this->Superclass::PrintSelf(os, indent);
+  os << indent << "Spacing: " << this->Spacing << "\n"
+     << indent << "UseBounds: " << this->UseBounds << "\n"
+     << indent << "Viscosity: " << this->Viscosity << "\n"
+     << indent << "VelocityNoise: " << this->VelocityNoise << "\n"
+     << indent << "AccelerationNoise: " << this->AccelerationNoise << "\n"
+     << indent << "UseAcceleration: " << this->UseAcceleration << "\n"
+     << indent << "MaximumIterations: " << this->MaximumIterations << "\n"
+     << indent << "WarmStart: " << this->WarmStart << "\n";
+}

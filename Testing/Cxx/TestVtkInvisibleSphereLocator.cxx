@@ -1,0 +1,214 @@
+// Breaks when the locator's outputs miss an array, when the order of visits changes a result, when a changed
+// property or input gives an old answer, when an empty volume gives a sphere, or when the published cost runs
+// without a flow.
+#include "vtkInvisibleSphereLocator.h"
+#include "vtkQCriterion.h"
+#include "vtkSyntheticTracks.h"
+
+#include "vtkCommand.h"
+#include "vtkDataArray.h"
+#include "vtkDoubleArray.h"
+#include "vtkExecutive.h"
+#include "vtkFieldData.h"
+#include "vtkFloatArray.h"
+#include "vtkImageData.h"
+#include "vtkInformation.h"
+#include "vtkNew.h"
+#include "vtkPointData.h"
+#include "vtkPolyData.h"
+#include "vtkStreamingDemandDrivenPipeline.h"
+#include "vtkStringArray.h"
+#include "vtkTestErrorObserver.h"
+
+#include <cmath>
+#include <gtest/gtest.h>
+
+namespace {
+
+constexpr double Diameter = 0.01111;
+
+struct Scene {
+  vtkNew<vtkSyntheticTracks> tracks;
+  vtkNew<vtkInvisibleSphereLocator> locator;
+  vtkNew<vtkTest::ErrorObserver> errors;
+
+  Scene() {
+    tracks->SetDiameter(Diameter);
+    tracks->SetDensity(2e8);
+    tracks->SetNumberOfSnapshots(12);
+    tracks->SetPositionNoise(5e-6);
+    tracks->SetGhostFraction(0.005);
+    tracks->SetSeed(7);
+    locator->SetInputConnection(tracks->GetOutputPort());
+    locator->SetDiameter(Diameter);
+    locator->AddObserver(vtkCommand::ErrorEvent, errors);
+    locator->GetExecutive()->AddObserver(vtkCommand::ErrorEvent, errors);
+  }
+  double time(int k) {
+    tracks->UpdateInformation();
+    return tracks->GetOutputInformation(0)->Get(vtkStreamingDemandDrivenPipeline::TIME_STEPS())[k];
+  }
+  vtkPolyData* output(int port) { return vtkPolyData::SafeDownCast(locator->GetOutputDataObject(port)); }
+  vtkPolyData* at(int k, int port = 1) {
+    locator->UpdateTimeStep(time(k));
+    return output(port);
+  }
+  /// Distance of the found centre from the true one, in diameters.
+  double error() {
+    double found[3], truth[3];
+    output(1)->GetPointData()->GetArray("Centre")->GetTuple(0, found);
+    tracks->GetOutput()->GetFieldData()->GetArray("TrueCentre")->GetTuple(0, truth);
+    return std::hypot(found[0] - truth[0], found[1] - truth[1], found[2] - truth[2]) / Diameter;
+  }
+};
+
+} // namespace
+
+TEST(VtkInvisibleSphereLocator, EveryArrayOfTheContractOnEveryPort) {
+  Scene s;
+  s.at(3);
+  s.at(5);
+  EXPECT_LT(s.error(), 0.02);
+  vtkPolyData *centre = s.output(1), *surface = s.output(0), *trajectory = s.output(2);
+  ASSERT_EQ(centre->GetNumberOfPoints(), 1);
+  for (const auto& [name, components] : {std::pair{"Centre", 3},
+                                         {"Velocity", 3},
+                                         {"Acceleration", 3},
+                                         {"Covariance", 6},
+                                         {"Sigma", 3},
+                                         {"SigmaTensor", 9},
+                                         {"Diameter", 1},
+                                         {"Cost", 1},
+                                         {"GradientNorm", 1},
+                                         {"Iterations", 1},
+                                         {"ParticlesInside", 1},
+                                         {"OffsetVoid", 1},
+                                         {"OffsetVelocity", 1},
+                                         {"OffsetVortex", 1},
+                                         {"Status", 1}}) {
+    for (vtkFieldData* where :
+         {static_cast<vtkFieldData*>(centre->GetPointData()), centre->GetFieldData(), surface->GetFieldData(),
+          static_cast<vtkFieldData*>(trajectory->GetPointData())}) {
+      ASSERT_TRUE(where->GetArray(name)) << name;
+      EXPECT_EQ(where->GetArray(name)->GetNumberOfComponents(), components) << name;
+      for (int c = 0; c < components; ++c)
+        EXPECT_TRUE(std::isfinite(where->GetArray(name)->GetComponent(0, c))) << name;
+    }
+  }
+  EXPECT_TRUE(centre->GetPointData()->GetAbstractArray("StatusText"));
+  EXPECT_EQ(trajectory->GetNumberOfPoints(), 2);
+  // the tensor is the square root of the covariance
+  double c[6], t[9];
+  centre->GetPointData()->GetArray("Covariance")->GetTuple(0, c);
+  centre->GetPointData()->GetArray("SigmaTensor")->GetTuple(0, t);
+  EXPECT_NEAR(t[0] * t[0] + t[1] * t[1] + t[2] * t[2], c[0], 1e-6 * c[0]);
+  EXPECT_NEAR(t[3] * t[0] + t[4] * t[1] + t[5] * t[2], c[3], 1e-6 * c[0]);
+  // the surface lies around the centre, with normals
+  ASSERT_TRUE(surface->GetPointData()->GetNormals());
+  double x[3], m[3];
+  surface->GetPoint(10, x);
+  centre->GetPoint(0, m);
+  EXPECT_NEAR(std::hypot(x[0] - m[0], x[1] - m[1], x[2] - m[2]), Diameter / 2, 1e-7);
+}
+
+TEST(VtkInvisibleSphereLocator, TheOrderOfVisitsDoesNotMatter) {
+  Scene forward, jumping;
+  std::vector<double> first(36), second(36);
+  for (int k = 0; k < 12; ++k) forward.at(k)->GetPointData()->GetArray("Centre")->GetTuple(0, &first[3 * k]);
+  for (int k : {7, 0, 11, 3, 4, 10, 1, 2, 9, 5, 8, 6})
+    jumping.at(k)->GetPointData()->GetArray("Centre")->GetTuple(0, &second[3 * k]);
+  for (int e = 0; e < 36; ++e) EXPECT_NEAR(first[e], second[e], 2e-3 * Diameter);
+  EXPECT_EQ(jumping.output(2)->GetNumberOfPoints(), 12);
+}
+
+TEST(VtkInvisibleSphereLocator, AllTimesInOneUpdate) {
+  Scene s;
+  s.locator->ProcessAllTimesOn();
+  s.at(4);
+  vtkPolyData* trajectory = s.output(2);
+  ASSERT_EQ(trajectory->GetNumberOfPoints(), 12);
+  EXPECT_EQ(trajectory->GetNumberOfCells(), 1);
+  EXPECT_EQ(s.output(1)->GetPointData()->GetArray("Time")->GetTuple1(0), s.time(4));
+  EXPECT_LT(s.error(), 0.02);
+  double v[3];
+  trajectory->GetPointData()->GetArray("Velocity")->GetTuple(6, v);
+  EXPECT_NEAR(v[1], 0.35, 0.02 * 0.35);
+  s.at(9); // nothing left to do but to show another time
+  EXPECT_EQ(s.output(1)->GetPointData()->GetArray("Time")->GetTuple1(0), s.time(9));
+}
+
+TEST(VtkInvisibleSphereLocator, ForgetsWhatNoLongerHolds) {
+  Scene s;
+  s.at(2);
+  s.at(3);
+  s.locator->SetDiameter(0.9 * Diameter);
+  EXPECT_EQ(s.at(3, 2)->GetNumberOfPoints(), 1); // the trajectory starts anew
+  s.locator->SetDiameter(Diameter);
+  const double before = s.at(3)->GetPointData()->GetArray("Centre")->GetComponent(0, 1);
+  s.tracks->SetCentre(0, 3e-3, 0);
+  EXPECT_NEAR(s.at(3)->GetPointData()->GetArray("Centre")->GetComponent(0, 1) - before, 3e-3,
+              0.05 * Diameter);
+}
+
+TEST(VtkInvisibleSphereLocator, SaysThatThereIsNoSphere) {
+  Scene s;
+  s.tracks->SetDiameter(0);
+  s.tracks->SetFlow(vtkSyntheticTracks::TAYLOR_GREEN);
+  s.at(2);
+  EXPECT_EQ(s.output(0)->GetNumberOfPoints(), 0);
+  EXPECT_EQ(s.output(1)->GetNumberOfPoints(), 0);
+  EXPECT_EQ(s.output(1)->GetFieldData()->GetArray("Status")->GetTuple1(0), 2);
+  EXPECT_FALSE(vtkStringArray::SafeDownCast(s.output(1)->GetFieldData()->GetAbstractArray("StatusText"))
+                   ->GetValue(0)
+                   .empty());
+  EXPECT_FALSE(s.errors->GetError());
+}
+
+TEST(VtkInvisibleSphereLocator, PublishedCostNeedsAFlow) {
+  Scene s;
+  s.locator->SetMethodToPublishedCost();
+  s.at(2);
+  EXPECT_EQ(s.errors->CheckErrorMessage("connect the output of Q-Criterion"), 0);
+  EXPECT_EQ(s.output(1)->GetNumberOfPoints(), 0);
+}
+
+TEST(VtkInvisibleSphereLocator, PublishedCostFindsThePlaceToAFractionOfTheDiameter) {
+  // The exact flow on a grid: potential flow around the sphere, rigid motion inside.
+  Scene s;
+  double centre[3];
+  s.tracks->UpdateTimeStep(s.time(5));
+  s.tracks->GetOutput()->GetFieldData()->GetArray("TrueCentre")->GetTuple(0, centre);
+  vtkNew<vtkImageData> flow;
+  flow->SetDimensions(45, 65, 35);
+  flow->SetSpacing(0.7e-3, 0.7e-3, 0.7e-3);
+  flow->SetOrigin(-15.4e-3, -22.4e-3, -11.9e-3);
+  vtkNew<vtkFloatArray> u;
+  u->SetName("Velocity");
+  u->SetNumberOfComponents(3);
+  u->SetNumberOfTuples(flow->GetNumberOfPoints());
+  for (vtkIdType p = 0; p < flow->GetNumberOfPoints(); ++p) {
+    double x[3];
+    flow->GetPoint(p, x);
+    const double r[3] = {x[0] - centre[0], x[1] - centre[1], x[2] - centre[2]},
+                 d = std::hypot(r[0], r[1], r[2]);
+    const double a = Diameter / 2, k = d > a ? 0.35 * std::pow(a / d, 3) / 2 : 0;
+    u->SetTuple3(p, 3 * k * r[1] * r[0] / (d * d), d > a ? k * (3 * r[1] * r[1] / (d * d) - 1) : 0.35,
+                 3 * k * r[1] * r[2] / (d * d));
+  }
+  flow->GetPointData()->AddArray(u);
+  vtkNew<vtkQCriterion> q;
+  q->SetInputData(flow);
+  s.locator->SetMethodToPublishedCost();
+  s.locator->SetInputConnection(1, q->GetOutputPort());
+  s.at(5);
+  ASSERT_EQ(s.output(1)->GetNumberOfPoints(), 1);
+  EXPECT_LT(s.error(), 0.5); // the published weights do not aim at the true centre
+  EXPECT_GE(s.output(1)->GetPointData()->GetArray("OffsetVortex")->GetTuple1(0), 0);
+}
+
+TEST(VtkInvisibleSphereLocator, RefusesADiameterOfZero) {
+  Scene s;
+  s.locator->SetDiameter(0);
+  s.at(1);
+  EXPECT_EQ(s.errors->CheckErrorMessage("greater than 0"), 0);
+}
