@@ -3,6 +3,9 @@ find_package(Eigen3 3.4 REQUIRED NO_MODULE)
 find_package(OpenMP REQUIRED COMPONENTS CXX)
 
 add_library(rimflow_kernels STATIC
+  Filters/Common/BoxPoisson.cxx
+  Filters/Common/Interpolation.cxx
+  Filters/Resampling/VICSharpModel.cxx
   Filters/Vortices/QCriterionKernel.cxx
 )
 target_include_directories(rimflow_kernels PUBLIC
