@@ -63,8 +63,10 @@ void BoxPoisson<Real>::solve(Real* const* fields, int count) const {
       for (int j = 0; j < n_[1]; ++j) {
         Slab slab(fields[f] + grid_.index(first_[0], first_[1] + j, first_[2]), n_[0], n_[2], layerStride);
         b.noalias() = slab * vectors_[2];
-        for (int k = 0; k < n_[2]; ++k)
-          b.col(k).array() /= values_[0] + (values_[1][j] + values_[2][k]);
+        for (int k = 0; k < n_[2]; ++k) {
+          inverse = values_[0] + (values_[1][j] + values_[2][k]);
+          b.col(k).array() *= (inverse == 0).select(Real(0), inverse.inverse());
+        }
         slab.noalias() = b * transposed_[2];
       }
     // X f Y^T per layer

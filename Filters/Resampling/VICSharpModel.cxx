@@ -1,5 +1,6 @@
 #include "VICSharpModel.h"
 
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 
 namespace rimflow {
@@ -44,21 +45,47 @@ VICSharpModel<Real>::VICSharpModel(const Grid& grid, const VICSharpData& data,
   allocate(w_, n), allocate(u_, n), allocate(wBar_, n), allocate(uBar_, n);
   if (hasAcceleration())
     allocate(q_, n), allocate(d_, n), allocate(a_, n), allocate(aBar_, n), allocate(dBar_, n);
+  if (hasPressure()) {
+    p_.assign(n, 0);
+    pressurePoisson_ = std::make_unique<BoxPoisson<Real>>(
+        grid_, std::array<AxisBasis, 3>{normalBasis(0), normalBasis(1), normalBasis(2)});
+  }
+}
+
+// Eigenvectors of D^T D along an axis; only constants belong to eigenvalue 0
+template <class Real>
+AxisBasis VICSharpModel<Real>::normalBasis(int axis) const {
+  const int n = grid_.n[axis];
+  Eigen::MatrixXd d = Eigen::MatrixXd::Zero(n, n);
+  const auto& taps = stencils_.difference(axis);
+  for (int i = 0; i < n; ++i)
+    for (int t = 0; t < taps[i].count; ++t) d(i, taps[i].index[t]) = double(taps[i].weight[t]);
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(d.transpose() * d);
+  AxisBasis basis{solver.eigenvectors(), solver.eigenvalues(), 0};
+  basis.values[0] = 0;
+  return basis;
 }
 
 template <class Real>
 std::size_t VICSharpModel<Real>::size() const {
-  return 3 * grid_.size() + (hasAcceleration() ? 6 : 3) * boundary_.size() + (hasPressure() ? grid_.size() : 0);
+  return 3 * grid_.size() + (hasAcceleration() ? 6 : 3) * boundary_.size();
 }
 
-// w = sw B c
+// to = sw B^m from; its own transpose. Overwrites uBar_.
 template <class Real>
-void VICSharpModel<Real>::vorticityFromCoefficients(const Real* c) {
-  const Real sw = Real(constants_.vorticityScale());
-  forEachRow<Real>(grid_, 1, [&](int j, int k, RowBuffers<Real>& rows) {
-    for (int i = 0; i < 3; ++i)
-      stencils_.smooth(c + i * grid_.size(), j, k, sw, rows(0), w_[i].data() + grid_.index(0, j, k));
-  });
+void VICSharpModel<Real>::smooth(const std::array<const Real*, 3>& from, const std::array<Real*, 3>& to) {
+  for (int i = 0; i < 3; ++i) {
+    const Real* source = from[i];
+    for (int pass = 1; pass <= constants_.smoothingPasses; ++pass) {
+      const bool last = pass == constants_.smoothingPasses;
+      Real* target = last ? to[i] : uBar_[pass % 2].data();
+      const Real scale = last ? Real(constants_.vorticityScale()) : Real(1);
+      forEachRow<Real>(grid_, 1, [&](int j, int k, RowBuffers<Real>& rows) {
+        stencils_.smooth(source, j, k, scale, rows(0), target + grid_.index(0, j, k));
+      });
+      source = target;
+    }
+  }
 }
 
 // L f = -curl source inside, f = scale b on the boundary
@@ -161,7 +188,9 @@ void VICSharpModel<Real>::materialAcceleration() {
 
 template <class Real>
 void VICSharpModel<Real>::forward(const Vector& x) {
-  vorticityFromCoefficients(x.data());
+  const std::size_t n = grid_.size();
+  const Real* c = x.data();
+  smooth({c, c + n, c + 2 * n}, {w_[0].data(), w_[1].data(), w_[2].data()}); // w = sw B^m c
   solveCurl(w_, x.data() + boundaryVelocityOffset(), Real(constants_.velocityScale), u_);
   if (!hasAcceleration()) return;
   transport();
@@ -238,21 +267,40 @@ void VICSharpModel<Real>::addDivergenceTransposed(const Vector& bar, VectorField
   });
 }
 
-// weight |R|^2 with R = a + grad p - nu L u; aBar = 2 weight R
+// The p that minimises |R|^2, R = a + grad p - nu L u:   sum of D_i^T D_i p = -sum of D_i^T (a_i - nu L u_i)
 template <class Real>
-double VICSharpModel<Real>::penaliseMomentum(const Real* p) {
+void VICSharpModel<Real>::solvePressure() {
+  const Real nu = Real(constants_.viscosity);
+  const int n = grid_.n[0];
+  forEachRow<Real>(grid_, 0, [&](int j, int k, RowBuffers<Real>&) {
+    const std::size_t first = grid_.index(0, j, k);
+    for (int i = 0; i < 3; ++i) {
+      Real* row = aBar_[i].data() + first;
+      std::copy_n(a_[i].data() + first, n, row);
+      if (nu != 0) stencils_.addLaplacian(u_[i].data(), j, k, -nu, row);
+    }
+  });
+  forEachRow<Real>(grid_, 0, [&](int j, int k, RowBuffers<Real>&) {
+    Real* row = p_.data() + grid_.index(0, j, k);
+    std::fill_n(row, n, Real(0));
+    for (int i = 0; i < 3; ++i) stencils_.addDerivativeTransposed(aBar_[i].data(), i, j, k, Real(-1), row);
+  });
+  pressurePoisson_->solve(p_.data());
+}
+
+// weight |R|^2 with R = a + grad p - nu L u; aBar = 2 weight R, which is dJ/da: p is optimal
+template <class Real>
+double VICSharpModel<Real>::penaliseMomentum() {
   const double bn = constants_.navierStokesWeight, sa = constants_.accelerationScale;
   const double weight = bn * bn / (grid_.size() * sa * sa);
-  const Real sp = Real(constants_.pressureScale()), nu = Real(constants_.viscosity);
   const int n = grid_.n[0];
+  solvePressure();
   const double sum = sumOverRows<Real, 1>(grid_, 0, [&](int j, int k, RowBuffers<Real>&) {
     const std::size_t first = grid_.index(0, j, k);
     double square = 0;
     for (int i = 0; i < 3; ++i) {
       Real* row = aBar_[i].data() + first;
-      std::copy_n(a_[i].data() + first, n, row);
-      stencils_.addDerivative(p, i, j, k, sp, row);
-      if (nu != 0) stencils_.addLaplacian(u_[i].data(), j, k, -nu, row);
+      stencils_.addDerivative(p_.data(), i, j, k, 1, row);
       square += squares(row, n);
       for (int e = 0; e < n; ++e) row[e] *= Real(2 * weight);
     }
@@ -261,17 +309,14 @@ double VICSharpModel<Real>::penaliseMomentum(const Real* p) {
   return weight * sum;
 }
 
-// From aBar = dJ/dR: dJ/dp, and its part of uBar
+// From aBar = dJ/dR its part of uBar
 template <class Real>
-void VICSharpModel<Real>::momentumTransposed(Real* pBar) {
-  const Real sp = Real(constants_.pressureScale()), nu = Real(constants_.viscosity);
+void VICSharpModel<Real>::momentumTransposed() {
+  const Real nu = Real(constants_.viscosity);
+  if (nu == 0) return;
   forEachRow<Real>(grid_, 0, [&](int j, int k, RowBuffers<Real>&) {
-    const std::size_t first = grid_.index(0, j, k);
-    std::fill_n(pBar + first, grid_.n[0], Real(0));
-    for (int i = 0; i < 3; ++i) {
-      stencils_.addDerivativeTransposed(aBar_[i].data(), i, j, k, sp, pBar + first);
-      if (nu != 0) stencils_.addLaplacianTransposed(aBar_[i].data(), j, k, -nu, uBar_[i].data() + first);
-    }
+    for (int i = 0; i < 3; ++i)
+      stencils_.addLaplacianTransposed(aBar_[i].data(), j, k, -nu, uBar_[i].data() + grid_.index(0, j, k));
   });
 }
 
@@ -349,8 +394,7 @@ void VICSharpModel<Real>::transportTransposed() {
 
 template <class Real>
 double VICSharpModel<Real>::cost(const Vector& x, Vector& gradient) {
-  const double nodes = double(grid_.size()), r = constants_.particleSpacing, sw = constants_.vorticityScale(),
-               sa = constants_.accelerationScale;
+  const double nodes = double(grid_.size()), r = constants_.particleSpacing, sw = constants_.vorticityScale(), sa = constants_.accelerationScale;
   const auto square = [](double v) { return v * v; };
   const double divergence = square(constants_.divergenceWeight / sw) / nodes,
                vorticityDivergence = square(constants_.vorticityDivergenceWeight * r / sw) / nodes,
@@ -376,8 +420,8 @@ double VICSharpModel<Real>::cost(const Vector& x, Vector& gradient) {
   double weightedAcceleration = 0;
   if (hasAcceleration()) {
     if (hasPressure()) {
-      terms_.navierStokes = penaliseMomentum(x.data() + pressureOffset());
-      momentumTransposed(gradient.data() + pressureOffset());
+      terms_.navierStokes = penaliseMomentum();
+      momentumTransposed();
     } else {
       for (auto& component : aBar_) std::fill(component.begin(), component.end(), Real(0));
     }
@@ -394,11 +438,9 @@ double VICSharpModel<Real>::cost(const Vector& x, Vector& gradient) {
   }
   solveCurlTransposed(uBar_, Real(constants_.velocityScale), boundaryVelocityGradient);
   addCurlTransposed(uBar_, Real(-1), wBar_, true);
-  forEachRow<Real>(grid_, 1, [&](int j, int k, RowBuffers<Real>& rows) { // B^T = B
-    for (int i = 0; i < 3; ++i)
-      stencils_.smooth(wBar_[i].data(), j, k, Real(sw), rows(0),
-                       gradient.data() + i * grid_.size() + grid_.index(0, j, k));
-  });
+  const std::size_t n = grid_.size();
+  Real* g = gradient.data();
+  smooth({wBar_[0].data(), wBar_[1].data(), wBar_[2].data()}, {g, g + n, g + 2 * n}); // B^T = B
   terms_.roughness = penaliseRoughness(x.data(), gradient.data());
   return terms_.velocity + weightedAcceleration + terms_.divergence + terms_.vorticityDivergence +
          terms_.accelerationDivergence + terms_.navierStokes + terms_.roughness;

@@ -32,6 +32,7 @@ struct VICSharpConstants {
   double accelerationDivergenceWeight = 0; ///< bd, >= 0
   double navierStokesWeight = 0;          ///< bn, >= 0
   double roughnessWeight = 0;             ///< bc, >= 0
+  int smoothingPasses = 1;                ///< m, >= 1
   double vorticityScale() const { return 0.5 * velocityScale / particleSpacing; } ///< sw
   double pressureScale() const { return accelerationScale * particleSpacing; }    ///< sp
 };
@@ -66,11 +67,10 @@ public:
   const BoundaryNodes& boundary() const { return boundary_; }
   bool hasAcceleration() const { return constants_.accelerationWeight > 0; }
   bool hasPressure() const { return hasAcceleration() && constants_.navierStokesWeight > 0; }
-  /// Unknowns, in the order c (x y z components), u_b, d_b (if accelerations are used), p (if bn > 0).
+  /// Unknowns, in the order c (x y z components), u_b, d_b (if accelerations are used).
   std::size_t size() const;
   std::size_t boundaryVelocityOffset() const { return 3 * grid_.size(); }
   std::size_t boundaryRateOffset() const { return 3 * (grid_.size() + boundary_.size()); }
-  std::size_t pressureOffset() const { return 3 * grid_.size() + 6 * boundary_.size(); }
 
   /// J and its gradient. Fields and terms below then belong to x.
   double cost(const Vector& x, Vector& gradient);
@@ -82,20 +82,23 @@ public:
   const VectorField& velocity() const { return u_; } ///< less the mean
   const VectorField& rate() const { return d_; }     ///< du/dt
   const VectorField& acceleration() const { return a_; }
+  const Vector& pressure() const { return p_; } ///< over density
 
 private:
-  void vorticityFromCoefficients(const Real* c);
+  void smooth(const std::array<const Real*, 3>& from, const std::array<Real*, 3>& to);
   void solveCurl(const VectorField& source, const Real* boundaryValues, Real scale, VectorField& out) const;
   void solveCurlTransposed(VectorField& bar, Real scale, Real* boundaryGradient) const;
   void addCurlTransposed(const VectorField& bar, Real scale, VectorField& out, bool accumulate) const;
+  AxisBasis normalBasis(int axis) const;
   void transport();
   void materialAcceleration();
   double velocityMisfit();
   double accelerationMisfit();
   double penaliseDivergence(const VectorField& f, double weight, Vector& bar) const;
-  double penaliseMomentum(const Real* p);
+  void solvePressure();
+  double penaliseMomentum();
   double penaliseRoughness(const Real* c, Real* gradient) const;
-  void momentumTransposed(Real* pressureGradient);
+  void momentumTransposed();
   void rateTransposed();
   void transportTransposed();
   void addDivergenceTransposed(const Vector& bar, VectorField& out) const;
@@ -104,6 +107,7 @@ private:
   VICSharpConstants constants_;
   Stencils<Real> stencils_;
   BoxPoisson<Real> poisson_;
+  std::unique_ptr<BoxPoisson<Real>> pressurePoisson_; // sum of D_i^T D_i
   BoundaryNodes boundary_;
   TrilinearSampler<Real> sampler_;
   std::array<Real, 3> mean_;
@@ -113,7 +117,7 @@ private:
   VectorField w_, u_, q_, d_, a_;            // q_ holds its adjoint after transport
   VectorField wBar_, uBar_, aBar_, dBar_;    // adjoints: dJ/dw and so on
   Vector divergenceUBar_, divergenceWBar_, divergenceDBar_;
-  mutable Vector sampled_;
+  Vector p_, sampled_;
 };
 
 extern template class VICSharpModel<float>;
