@@ -23,6 +23,9 @@ add_library(rimflow_kernels STATIC
   Filters/Locator/SphereTracker.cxx
   Filters/Locator/TrajectorySmoother.cxx
   Filters/Locator/VoidLikelihood.cxx
+  Filters/Common/BoxPoisson.cxx
+  Filters/Common/Interpolation.cxx
+  Filters/Resampling/VICSharpModel.cxx
   Filters/Vortices/QCriterionKernel.cxx
 )
 target_include_directories(rimflow_kernels PUBLIC
