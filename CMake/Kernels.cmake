@@ -15,6 +15,11 @@ add_library(rimflow_kernels STATIC
   Readers/TrackSelection.cxx
   Readers/TrackSynthesis.cxx
   Readers/TrackTimeline.cxx
+  Filters/Common/BoxPoisson.cxx
+  Filters/Common/Interpolation.cxx
+  Filters/Resampling/ResamplingGrid.cxx
+  Filters/Resampling/VICSharp.cxx
+  Filters/Resampling/VICSharpModel.cxx
   Filters/Locator/ImportanceSampling.cxx
   Filters/Locator/ParticleIndex.cxx
   Filters/Locator/PublishedCost.cxx
@@ -23,9 +28,6 @@ add_library(rimflow_kernels STATIC
   Filters/Locator/SphereTracker.cxx
   Filters/Locator/TrajectorySmoother.cxx
   Filters/Locator/VoidLikelihood.cxx
-  Filters/Common/BoxPoisson.cxx
-  Filters/Common/Interpolation.cxx
-  Filters/Resampling/VICSharpModel.cxx
   Filters/Vortices/QCriterionKernel.cxx
 )
 target_include_directories(rimflow_kernels PUBLIC

@@ -394,7 +394,8 @@ void VICSharpModel<Real>::transportTransposed() {
 
 template <class Real>
 double VICSharpModel<Real>::cost(const Vector& x, Vector& gradient) {
-  const double nodes = double(grid_.size()), r = constants_.particleSpacing, sw = constants_.vorticityScale(), sa = constants_.accelerationScale;
+  const double nodes = double(grid_.size()), r = constants_.particleSpacing, sw = constants_.vorticityScale(),
+               sa = constants_.accelerationScale;
   const auto square = [](double v) { return v * v; };
   const double divergence = square(constants_.divergenceWeight / sw) / nodes,
                vorticityDivergence = square(constants_.vorticityDivergenceWeight * r / sw) / nodes,

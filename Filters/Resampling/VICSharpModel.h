@@ -22,23 +22,23 @@ struct VICSharpData {
 
 /// Constants of the cost function.
 struct VICSharpConstants {
-  double viscosity = 0;         ///< nu, m2/s, >= 0
-  double particleSpacing = 0;   ///< r, m, > 0
-  double velocityScale = 0;     ///< su, m/s, > 0
-  double accelerationScale = 0; ///< sa, m/s2, > 0
-  double accelerationWeight = 0.3;        ///< alpha, >= 0
-  double divergenceWeight = 0;            ///< bu, >= 0
-  double vorticityDivergenceWeight = 0;   ///< bw, >= 0
-  double accelerationDivergenceWeight = 0; ///< bd, >= 0
-  double navierStokesWeight = 0;          ///< bn, >= 0
-  double roughnessWeight = 0;             ///< bc, >= 0
-  int smoothingPasses = 1;                ///< m, >= 1
+  double viscosity = 0;                                                           ///< nu, m2/s, >= 0
+  double particleSpacing = 0;                                                     ///< r, m, > 0
+  double velocityScale = 0;                                                       ///< su, m/s, > 0
+  double accelerationScale = 0;                                                   ///< sa, m/s2, > 0
+  double accelerationWeight = 0.3;                                                ///< alpha, >= 0
+  double divergenceWeight = 0;                                                    ///< bu, >= 0
+  double vorticityDivergenceWeight = 0;                                           ///< bw, >= 0
+  double accelerationDivergenceWeight = 0;                                        ///< bd, >= 0
+  double navierStokesWeight = 0;                                                  ///< bn, >= 0
+  double roughnessWeight = 0;                                                     ///< bc, >= 0
+  int smoothingPasses = 1;                                                        ///< m, >= 1
   double vorticityScale() const { return 0.5 * velocityScale / particleSpacing; } ///< sw
   double pressureScale() const { return accelerationScale * particleSpacing; }    ///< sp
 };
 
-/// VIC+ (Schneiders & Scarano 2016) with the additions of VIC# (Jeon, Mueller & Michaelis 2022) as one function
-/// of the unknowns {c, u_b/su, d_b/sa, p/sp}:
+/// VIC+ (Schneiders & Scarano 2016) with the additions of VIC# (Jeon, Mueller & Michaelis 2022) as one
+/// function of the unknowns {c, u_b/su, d_b/sa, p/sp}:
 ///     w = sw B c                                       Gw_ij = D_j w_i
 ///     L u = -curl w,   u = u_b on the boundary          Gu_ij = D_j u_i
 ///     q_i = w_j Gu_ij - U_j Gw_ij + nu (L w)_i          = dw/dt,   U = u + mean velocity
@@ -53,11 +53,11 @@ class VICSharpModel {
 public:
   using Vector = std::vector<Real>;
   using VectorField = std::array<std::vector<Real>, 3>;
-  /// The parts of J; the misfits are without alpha: mean squared misfit per component in units of su, sa, times
-  /// three.
+  /// The parts of J; the misfits are without alpha: mean squared misfit per component in units of su, sa,
+  /// times three.
   struct Terms {
-    double velocity = 0, acceleration = 0, divergence = 0, vorticityDivergence = 0, accelerationDivergence = 0,
-           navierStokes = 0, roughness = 0;
+    double velocity = 0, acceleration = 0, divergence = 0, vorticityDivergence = 0,
+           accelerationDivergence = 0, navierStokes = 0, roughness = 0;
   };
 
   VICSharpModel(const Grid& grid, const VICSharpData& data, const VICSharpConstants& constants);
@@ -114,8 +114,8 @@ private:
   std::array<Vector, 3> velocityData_, accelerationData_;
   Vector velocityWeight_, accelerationWeight_;
   Terms terms_;
-  VectorField w_, u_, q_, d_, a_;            // q_ holds its adjoint after transport
-  VectorField wBar_, uBar_, aBar_, dBar_;    // adjoints: dJ/dw and so on
+  VectorField w_, u_, q_, d_, a_;         // q_ holds its adjoint after transport
+  VectorField wBar_, uBar_, aBar_, dBar_; // adjoints: dJ/dw and so on
   Vector divergenceUBar_, divergenceWBar_, divergenceDBar_;
   Vector p_, sampled_;
 };

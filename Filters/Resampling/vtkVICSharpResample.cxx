@@ -190,13 +190,7 @@ int vtkVICSharpResample::RequestData(vtkInformation*, vtkInformationVector** inp
   const auto start = std::chrono::steady_clock::now();
   try {
     rimflow::VICSharpOptions options;
-    const rimflow::Grid& g = this->State->grid;
-    options.spacing = g.spacing[0];
-    options.useBounds = true;
-    for (int a = 0; a < 3; ++a) {
-      options.bounds[2 * a] = g.origin[a];
-      options.bounds[2 * a + 1] = g.origin[a] + (g.n[a] - 1) * g.spacing[a];
-    }
+    options.grid = this->State->grid;
     options.viscosity = this->Viscosity;
     options.velocityNoise = this->VelocityNoise;
     options.accelerationNoise = this->AccelerationNoise;

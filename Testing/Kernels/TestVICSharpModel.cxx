@@ -60,6 +60,5 @@ TEST(VICSharpModel, GradientIsTheExactAdjoint) {
       best = std::min(best, std::abs((moved(step) - moved(-step)) / (2 * step) / slope - 1));
     }
     EXPECT_LT(best, 1e-8) << c.name;
-    std::printf("%s %g\n", c.name, best);
   }
 }

@@ -1,0 +1,219 @@
+// Breaks when the reconstruction does not gain from accelerations, follows the noise, leaves the data's box,
+// or takes what it cannot use without a word.
+#include "ResamplingGrid.h"
+#include "VICSharp.h"
+
+#include <cmath>
+#include <gtest/gtest.h>
+#include <limits>
+#include <random>
+#include <vector>
+
+using namespace rimflow;
+
+namespace {
+
+using Vec = std::array<double, 3>;
+
+// Arnold-Beltrami-Childress flow, steady and inviscid: Du/Dt = grad |u|^2/2.
+struct ABC {
+  double k, u0 = 0.2, a = 1, b = 0.8, c = 0.6;
+  Vec phase{0.3, 0.7, 1.1};
+  Vec velocity(const Vec& x) const {
+    const double X = k * x[0] + phase[0], Y = k * x[1] + phase[1], Z = k * x[2] + phase[2];
+    return {u0 * (a * std::sin(Z) + c * std::cos(Y)), u0 * (b * std::sin(X) + a * std::cos(Z)),
+            u0 * (c * std::sin(Y) + b * std::cos(X))};
+  }
+  Vec acceleration(const Vec& x) const {
+    Vec g{};
+    const double X = k * x[0] + phase[0], Y = k * x[1] + phase[1], Z = k * x[2] + phase[2];
+    const Vec u = velocity(x);
+    g[0] = k * u0 * (u[1] * b * std::cos(X) - u[2] * b * std::sin(X));
+    g[1] = k * u0 * (-u[0] * c * std::sin(Y) + u[2] * c * std::cos(Y));
+    g[2] = k * u0 * (u[0] * a * std::cos(Z) - u[1] * a * std::sin(Z));
+    return g;
+  }
+};
+
+struct Scene {
+  ABC flow;
+  Grid grid;
+  std::vector<float> x, u, a;
+  VICSharpTracks tracks() const { return {x.data(), u.data(), a.empty() ? nullptr : a.data(), x.size() / 3}; }
+};
+
+// n^3 nodes at 1 mm, particles `apart` mm apart on average; noise relative to the rms.
+Scene scene(int n, double apart, double wavelength, unsigned seed, double velocityNoise = 0,
+            double accelerationNoise = 0) {
+  Scene s;
+  const double h = 1e-3, side = (n - 1) * h;
+  s.flow.k = 2 * M_PI / (wavelength * h);
+  s.grid = {{-0.5 * side, 0.1 * side, 0}, {h, h, h}, {n, n, n}};
+  std::mt19937 random(seed);
+  std::uniform_real_distribution<double> unit(0, 1);
+  std::normal_distribution<double> normal;
+  const int count = int(std::lround(std::pow((n - 1) / apart, 3)));
+  const double su = velocityNoise * s.flow.u0 * std::sqrt(2. / 3),
+               sa = accelerationNoise * s.flow.u0 * s.flow.u0 * s.flow.k * 0.7;
+  for (int p = 0; p < count; ++p) {
+    Vec x;
+    for (int i = 0; i < 3; ++i) x[i] = s.grid.origin[i] + side * unit(random);
+    const Vec u = s.flow.velocity(x), a = s.flow.acceleration(x);
+    for (int i = 0; i < 3; ++i) {
+      s.x.push_back(float(x[i]));
+      s.u.push_back(float(u[i] + su * normal(random)));
+      s.a.push_back(float(a[i] + sa * normal(random)));
+    }
+  }
+  return s;
+}
+
+struct Errors {
+  double velocity = 0, acceleration = 0, vorticity = 0;
+};
+
+/// rms errors over rms values, one particle spacing off the faces.
+Errors errors(const Scene& s, const VICSharpResult& r, int margin) {
+  double eu = 0, ea = 0, ew = 0, fu = 0, fa = 0;
+  const Grid& g = r.grid;
+  for (int k = margin; k < g.n[2] - margin; ++k)
+    for (int j = margin; j < g.n[1] - margin; ++j)
+      for (int i = margin; i < g.n[0] - margin; ++i) {
+        const std::size_t p = 3 * g.index(i, j, k);
+        const Vec x = g.position(i, j, k), u = s.flow.velocity(x), a = s.flow.acceleration(x);
+        for (int c = 0; c < 3; ++c) {
+          eu += std::pow(r.velocity[p + c] - u[c], 2), fu += u[c] * u[c];
+          ea += std::pow(r.acceleration[p + c] - a[c], 2), fa += a[c] * a[c];
+          ew += std::pow(r.vorticity[p + c] - s.flow.k * u[c], 2); // Beltrami: curl u = k u
+        }
+      }
+  return {std::sqrt(eu / fu), std::sqrt(ea / fa), std::sqrt(ew / fu) / s.flow.k};
+}
+
+VICSharpResult run(const Scene& s, bool accelerations = true, const std::shared_ptr<const void>& warm = {}) {
+  VICSharpOptions o;
+  o.grid = s.grid;
+  o.viscosity = 0;
+  VICSharpTracks t = s.tracks();
+  if (!accelerations) t.accelerations = nullptr;
+  return vicSharp(t, o, warm);
+}
+
+} // namespace
+
+TEST(VICSharp, AccelerationsHelpOnAThinlySeededABCFlow) {
+  // particles four grid spacings apart, four to six of them per wavelength
+  for (double wavelength : {16., 24.})
+    for (unsigned seed : {1u, 2u}) {
+      const Scene s = scene(33, 4, wavelength, seed);
+      const Errors with = errors(s, run(s), 0), without = errors(s, run(s, false), 0);
+      EXPECT_LT(with.velocity, 0.8 * without.velocity) << "wavelength " << wavelength << ", seed " << seed;
+      EXPECT_LT(with.acceleration, 0.5 * without.acceleration)
+          << "wavelength " << wavelength << ", seed " << seed;
+    }
+}
+
+TEST(VICSharp, DoesNotFollowTheNoise) {
+  const Scene s = scene(33, 2.5, 24, 3, 0.05, 0.2);
+  VICSharpOptions o;
+  o.grid = s.grid;
+  o.viscosity = 0;
+  const VICSharpResult unknown = vicSharp(s.tracks(), o);
+  o.velocityNoise = 0.05 * s.flow.u0 * std::sqrt(2. / 3);
+  o.accelerationNoise = 0.2 * s.flow.u0 * s.flow.u0 * s.flow.k * 0.7;
+  const VICSharpResult known = vicSharp(s.tracks(), o);
+  o.velocityNoise = 1e-9; // never reached: fits the noise until the last iteration
+  o.maximumIterations = 300;
+  const VICSharpResult overfitted = vicSharp(s.tracks(), o);
+  const double best = std::min(errors(s, unknown, 3).velocity, errors(s, known, 3).velocity);
+  EXPECT_LT(errors(s, unknown, 3).velocity, 1.15 * best);
+  EXPECT_LT(errors(s, known, 3).velocity, 1.15 * best);
+  EXPECT_GT(errors(s, overfitted, 3).velocity, 1.2 * best);
+  EXPECT_LT(best, 0.04); // below the noise of one particle
+  EXPECT_GT(known.velocityMisfit, 0.9);
+  EXPECT_LT(known.velocityMisfit, 1.02);
+  EXPECT_LT(unknown.divergenceNorm, 0.05);
+}
+
+TEST(VICSharp, AWarmStartEndsAtTheSameField) {
+  const Scene s = scene(25, 2.5, 20, 4, 0.03, 0.1);
+  const VICSharpResult cold = run(s), warm = run(s, true, cold.warm);
+  double difference = 0, size = 0;
+  for (std::size_t p = 0; p < cold.velocity.size(); ++p) {
+    difference += std::pow(cold.velocity[p] - warm.velocity[p], 2);
+    size += std::pow(cold.velocity[p], 2);
+  }
+  EXPECT_LT(std::sqrt(difference / size), 0.02);
+  EXPECT_LT(warm.iterations, cold.iterations);
+}
+
+TEST(VICSharp, GhostsCountLess) {
+  Scene s = scene(25, 2.5, 20, 5);
+  const double clean = errors(s, run(s), 2).velocity;
+  std::mt19937 random(1);
+  std::uniform_real_distribution<float> any(-1, 1);
+  for (std::size_t p = 0; p < s.u.size() / 3; p += 100) // one percent
+    for (int c = 0; c < 3; ++c) {
+      s.u[3 * p + c] = any(random);
+      s.a[3 * p + c] = 50 * any(random);
+    }
+  EXPECT_LT(errors(s, run(s), 2).velocity, 3 * clean);
+}
+
+TEST(VICSharp, NodesInsideTheBodyMoveWithIt) {
+  const Scene s = scene(17, 2, 20, 6);
+  VICSharpOptions o;
+  o.grid = s.grid;
+  Body body;
+  body.diameter = 6e-3;
+  body.centre = Eigen::Vector3d(1e-3, 9e-3, 8e-3);
+  body.velocity = Eigen::Vector3d(0, 0.4, 0);
+  body.angularVelocity = Eigen::Vector3d(0, 0, 10);
+  o.body = body;
+  const VICSharpResult r = vicSharp(s.tracks(), o);
+  ASSERT_EQ(r.mask.size(), s.grid.size());
+  int inside = 0;
+  for (std::size_t p = 0; p < r.mask.size(); ++p) inside += r.mask[p];
+  EXPECT_NEAR(inside, M_PI / 6 * 216, 15); // the volume of the sphere in cells
+  const std::size_t node = s.grid.index(10, 8, 8);
+  const auto x = s.grid.position(10, 8, 8);
+  ASSERT_EQ(r.mask[node], 1);
+  EXPECT_NEAR(r.velocity[3 * node + 1], 0.4 + 10 * (x[0] - 1e-3), 1e-6);
+  EXPECT_LT(r.particlesUsed, s.x.size() / 3);
+}
+
+TEST(VICSharp, SaysWhatItCannotUse) {
+  Scene s = scene(17, 2, 20, 7);
+  VICSharpOptions o;
+  o.grid = s.grid;
+  EXPECT_THROW(vicSharp({}, o), std::invalid_argument);
+  VICSharpTracks few = s.tracks();
+  few.count = 10;
+  EXPECT_THROW(vicSharp(few, o), std::invalid_argument);
+  VICSharpOptions flat = o;
+  flat.grid.n[2] = 3;
+  EXPECT_THROW(vicSharp(s.tracks(), flat), std::invalid_argument);
+  s.u[4] = s.x[9] = std::numeric_limits<float>::quiet_NaN(); // two rows: left out
+  s.a[30] = std::numeric_limits<float>::infinity();          // one acceleration: left out
+  for (int c = 0; c < 3; ++c) s.x[60 + c] = s.x[63 + c];     // two particles at one place
+  const VICSharpResult r = vicSharp(s.tracks(), o);
+  EXPECT_EQ(r.particlesUsed, s.x.size() / 3 - 2);
+  for (float v : r.velocity) ASSERT_TRUE(std::isfinite(v));
+  for (float v : r.acceleration) ASSERT_TRUE(std::isfinite(v));
+  EXPECT_TRUE(vicSharp(s.tracks(), o, {}, [](double) { return false; }).aborted);
+}
+
+TEST(ResamplingGrid, HalfTheParticleSpacingOverTheParticlesBox) {
+  const Scene s = scene(33, 2, 20, 8);
+  const Grid g = resamplingGrid(s.x.data(), s.x.size() / 3, 0, {});
+  EXPECT_NEAR(g.spacing[0], 1e-3, 3e-5);
+  EXPECT_NEAR(g.origin[1] + (g.n[1] - 1) * g.spacing[1] - g.origin[1], 32e-3, 1.5e-3);
+  const Grid given = resamplingGrid(s.x.data(), s.x.size() / 3, 0.5e-3,
+                                    std::array<double, 6>{0, 0.01, 0.005, 0.01, 0, 0.004});
+  EXPECT_EQ(given.n[0], 21);
+  EXPECT_EQ(given.n[2], 9);
+  EXPECT_THROW(resamplingGrid(s.x.data(), 5, 0, {}), std::invalid_argument);
+  EXPECT_THROW(resamplingGrid(s.x.data(), s.x.size() / 3, 1, {}), std::invalid_argument);
+  EXPECT_THROW(resamplingGrid(s.x.data(), s.x.size() / 3, 0, std::array<double, 6>{1, 0, 0, 1, 0, 1}),
+               std::invalid_argument);
+}
