@@ -354,6 +354,9 @@ VICSharpResult vicSharp(const VICSharpTracks& tracks, const VICSharpOptions& opt
       const Real su = Real(start->velocityScale / constants.velocityScale),
                  sa = Real(start->accelerationScale / constants.accelerationScale);
       for (std::size_t i = 0; i < x.size(); ++i) x[i] *= i < next->boundaryRateOffset() ? su : sa;
+      next->forward(x);
+      weighOutliers(data.fit, *next);
+      next = std::make_unique<Model>(grids[level], data.fit, constants);
     } else {
       x.assign(next->size(), 0);
     }
@@ -381,7 +384,7 @@ VICSharpResult vicSharp(const VICSharpTracks& tracks, const VICSharpOptions& opt
     if (finest) {
       result.velocityNoise = holdOut ? rule.velocityMisfit() : options.velocityNoise;
       result.accelerationNoise = holdOut ? rule.accelerationMisfit() : options.accelerationNoise;
-    } else if (level == std::min<std::size_t>(1, grids.size() - 1)) {
+    } else {
       model->forward(x);
       weighOutliers(data.fit, *model);
     }

@@ -58,10 +58,10 @@ struct VICSharpResult {
 /// particles that the fit has not seen falls and rises with the error. maximumIterations only bounds the
 /// time.
 ///
-/// Particles whose velocity or acceleration on the second coarsest grid (or the first, if it is alone)
-/// misfits by more than four robust standard deviations count less (ghost tracks). Without accelerations, the
-/// acceleration is that of the vorticity equation with du/dt = 0 on the faces. Throws std::invalid_argument
-/// when there is too little to go on.
+/// Particles whose velocity or acceleration misfits on the next coarser grid by more than four robust
+/// standard deviations count less (ghost tracks). Without accelerations, the acceleration is that of the
+/// vorticity equation with du/dt = 0 on the faces. Throws std::invalid_argument when there is too little to
+/// go on.
 VICSharpResult vicSharp(const VICSharpTracks& tracks, const VICSharpOptions& options,
                         const std::shared_ptr<const void>& warm = {}, const Progress& progress = {});
 
