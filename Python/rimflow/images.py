@@ -58,12 +58,12 @@ class Scene:
 
     def add_sphere(self, view):
         ball = self.simple.Show(self.sphere, view)
-        self.simple.ColorBy(ball, None)
+        ball.ColorArrayName = ["POINTS", ""]
         ball.DiffuseColor, ball.Specular, ball.SpecularPower = [0.93, 0.93, 0.9], 0.5, 30
         tube = self.simple.Tube(Input=self.path, Radius=0.012 * self.diameter)
         tube.Scalars, tube.Vectors = ["POINTS", ""], ["POINTS", ""]
         line = self.simple.Show(tube, view)
-        self.simple.ColorBy(line, None)
+        line.ColorArrayName = ["POINTS", ""]
         line.DiffuseColor = [0.1, 0.1, 0.1]
 
     def colour(self, view, source, array, low, high, title, component="Magnitude", preset="Viridis (matplotlib)"):
@@ -130,7 +130,7 @@ class Scene:
         arrows = simple.Glyph(Input=cut, GlyphType="2D Glyph", OrientationArray=["POINTS", "Velocity"], ScaleArray=["POINTS", "Velocity"],
                               ScaleFactor=float(0.5 * self.diameter / self.speed), GlyphMode="Every Nth Point", Stride=3)
         shown = simple.Show(arrows, view)
-        simple.ColorBy(shown, None)
+        shown.ColorArrayName = ["POINTS", ""]
         shown.DiffuseColor = shown.AmbientColor = [1, 1, 1]
         self.add_sphere(view)
         self.save(view, "slice.png", 4.2)
