@@ -251,7 +251,7 @@ def _write(writer, path, data):
         writer.SetFileName(temporary)
         writer.SetInputData(data)
         writer.SetDataModeToAppended()
-        writer.EncodeAppendedDataOff()
+        writer.EncodeAppendedDataOn()  # raw data after the XML is not read back by VTK 9.2 with the expat of Debian's security updates
         done = writer.Write()
         if not done or errors.messages:
             raise OSError(None, "could not be written, is the disk full? " + "; ".join(errors.messages), path)
