@@ -250,8 +250,8 @@ def _write(writer, path, data):
     with files.replacing(path) as temporary:
         writer.SetFileName(temporary)
         writer.SetInputData(data)
-        writer.SetDataModeToAppended()
-        writer.EncodeAppendedDataOn()  # raw data after the XML is not read back by VTK 9.2 with the expat of Debian's security updates
+        # Not appended: with the expat of Debian's security updates VTK 9.2 does not find appended data again.
+        writer.SetDataModeToBinary()
         done = writer.Write()
         if not done or errors.messages:
             raise OSError(None, "could not be written, is the disk full? " + "; ".join(errors.messages), path)
