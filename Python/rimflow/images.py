@@ -53,7 +53,7 @@ class Scene:
         simple.SetActiveView(view)
         text = simple.Text(Text=title)
         label = simple.Show(text, view)
-        label.Color, label.FontSize, label.WindowLocation = [0.15, 0.15, 0.15], 16, "Upper Center"
+        label.Color, label.FontSize, label.WindowLocation = [0.15, 0.15, 0.15], 24, "Upper Center"
         return view
 
     def add_sphere(self, view):
@@ -78,7 +78,7 @@ class Scene:
         bar = self.simple.GetScalarBar(table, view)
         bar.Title, bar.ComponentTitle = title, ""
         bar.TitleColor = bar.LabelColor = [0.15, 0.15, 0.15]
-        bar.TitleFontSize = bar.LabelFontSize = 14
+        bar.TitleFontSize = bar.LabelFontSize = 20
         bar.Visibility = 1
         shown.SetScalarBarVisibility(view, True)
         return shown
@@ -136,10 +136,10 @@ class Scene:
         self.save(view, "slice.png", 4.2)
 
     def vortices(self):
-        """The iso-surface at a hundredth of the largest Q that the sphere's motion can make, (V/d)^2."""
+        """An iso-surface of Q at a quarter of (V/d)^2, the scale of the gradients that the sphere's motion makes."""
         simple = self.simple
         flow = self.fields()
-        level = 0.1 * (self.speed / self.diameter) ** 2
+        level = 0.25 * (self.speed / self.diameter) ** 2
         view = self.view(f"Vortices: iso-surface of Q = {level:.0f} 1/s2, coloured by the velocity along the motion")
         along = simple.Calculator(Input=flow, ResultArrayName="AlongMotion",
                                   Function="+".join(f"({c / self.speed:.9g})*Velocity_{a}" for c, a in zip(self.motion, "XYZ")))

@@ -204,12 +204,13 @@ class Run:
             "seconds_per_snapshot": {str(r["snapshot"]): r["seconds"] for r in self.records},
             "problems": [list(p) for p in problems],
         }
-        if options.images:
+        files.write_json(self.path("run.json"), run)
+        write_report(self.path("report"), trajectory, run)
+        if options.images:  # last: without a working display ParaView ends the process
             from rimflow import images
 
             images.draw(options.out, trajectory, options.tracks, options.up)
-        write_report(self.path("report"), trajectory, run)
-        files.write_json(self.path("run.json"), run)
+            write_report(self.path("report"), trajectory, run)
         counts = run["snapshots"]
         print(f"{counts['selected']} snapshots: {counts['found']} found, {counts['predicted']} predicted, {counts['lost']} lost. "
               f"See {self.path('report', 'index.html')}")
