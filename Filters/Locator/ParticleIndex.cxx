@@ -46,7 +46,6 @@ ParticleIndex::ParticleIndex(const float* positions, std::size_t count) {
   }
 
   const std::size_t strays = std::size_t(StrayShare * points.size());
-#pragma omp parallel for schedule(dynamic)
   for (int side = 0; side < 6; ++side) {
     const int a = side / 2;
     if (side % 2 == 0)
@@ -63,7 +62,6 @@ ParticleIndex::ParticleIndex(const float* positions, std::size_t count) {
 
   const std::ptrdiff_t n = std::ptrdiff_t(points.size());
   std::vector<std::uint32_t> cell(n);
-#pragma omp parallel for schedule(static)
   for (std::ptrdiff_t p = 0; p < n; ++p) {
     int c[3];
     for (int a = 0; a < 3; ++a) c[a] = cellOf(a, points[p][a] - box_.lower[a]);

@@ -116,15 +116,12 @@ std::vector<double> SeedingDensity::profiles(const std::vector<double>& count,
   for (int sweep = 0; sweep < 3; ++sweep)
     for (int a = 0; a < 3; ++a) {
       std::vector<double> found(n_[a], 0), expected(n_[a], 0);
-      auto slab = [this, a](std::size_t c) {
-        return a == 0 ? c % n_[0] : a == 1 ? c / n_[0] % n_[1] : c / n_[0] / n_[1];
-      };
-      for (std::size_t c = 0; c < count.size(); ++c) {
-        found[slab(c)] += count[c];
-        expected[slab(c)] += base[c] * std::max(0., volume[c]);
-      }
-      for (std::size_t c = 0; c < count.size(); ++c)
-        base[c] *= (found[slab(c)] + Backing) / (expected[slab(c)] + Backing);
+      forEachCell([&](std::size_t c, const int* at) {
+        found[at[a]] += count[c];
+        expected[at[a]] += base[c] * std::max(0., volume[c]);
+      });
+      for (int i = 0; i < n_[a]; ++i) found[i] = (found[i] + Backing) / (expected[i] + Backing);
+      forEachCell([&](std::size_t c, const int* at) { base[c] *= found[at[a]]; });
     }
   return base;
 }

@@ -38,6 +38,15 @@ private:
   std::size_t cellIndex(int i, int j, int k) const {
     return i + std::size_t(n_[0]) * (j + std::size_t(n_[1]) * k);
   }
+  /// use(c, {i, j, k}) for every cell.
+  template <class Use>
+  void forEachCell(Use&& use) const {
+    int at[3];
+    std::size_t c = 0;
+    for (at[2] = 0; at[2] < n_[2]; ++at[2])
+      for (at[1] = 0; at[1] < n_[1]; ++at[1])
+        for (at[0] = 0; at[0] < n_[0]; ++at[0]) use(c++, at);
+  }
   int cellOf(int axis, double x) const {
     const int c = int(std::floor((x - box_.lower[axis]) / h_[axis]));
     return c < 0 ? 0 : c >= n_[axis] ? n_[axis] - 1 : c;

@@ -237,7 +237,8 @@ public:
             const Eigen::Matrix3d& covariance, double radius, double eps, std::vector<double> widths,
             std::vector<double> prior)
       : profile_(eps), origin_(origin), box_(seeding.box()), radius_(radius), eps_(eps),
-        widths_(std::move(widths)), prior_(std::move(prior)) {
+        widths_(std::move(widths)), logPrior_(std::move(prior)) {
+    for (double& p : logPrior_) p = std::log(p);
     const double widest = *std::max_element(widths_.begin(), widths_.end());
     reach_ = std::min(radius, 16 * std::sqrt(covariance.trace()));
     const double inner = radius - reach_ - profile_.inner() * widest;
@@ -262,9 +263,8 @@ public:
 
   /// log of prior x likelihood for one width.
   double logAt(const Eigen::Vector3d& offset, std::size_t width) const {
-    return std::log(prior_[width]) + profile_.sum(near_.x.data(), near_.y.data(), near_.z.data(),
-                                                  near_.size(), offset.cast<float>(), float(radius_),
-                                                  float(widths_[width]));
+    return logPrior_[width] + profile_.sum(near_.x.data(), near_.y.data(), near_.z.data(), near_.size(),
+                                           offset.cast<float>(), float(radius_), float(widths_[width]));
   }
   double operator()(const Eigen::VectorXd& v) const {
     const Eigen::Vector3d offset = v;
@@ -300,7 +300,7 @@ private:
   Eigen::Vector3d origin_;
   Box box_;
   double radius_, eps_, reach_ = 0;
-  std::vector<double> widths_, prior_;
+  std::vector<double> widths_, logPrior_;
   Offsets near_;
   std::size_t inside_ = 0;
   Eigen::Vector3d tilt_ = Eigen::Vector3d::Zero();
@@ -387,21 +387,24 @@ VoidEstimate locateVoid(const ParticleIndex& particles, SeedingDensity& seeding,
     }
   const double finest = widths[widths.size() / 2];
 
-  Eigen::Vector3d origin = estimate.centre;
+  Eigen::Vector3d origin = estimate.centre, excluded = Eigen::Vector3d::Constant(1e9);
   Eigen::Matrix3d covariance = estimate.covariance;
-  auto settle = [&](std::vector<double> w, std::vector<double> p, const SamplingOptions& sampling) {
-    seeding.exclude({sphere(origin, options.diameter)});
+  // One width of the wall (or several, averaged): the posterior, and the estimate moved onto it.
+  auto settle = [&](const std::vector<double>& w, const std::vector<double>& p,
+                    const SamplingOptions& sampling) {
+    if ((origin - excluded).norm() > 0.02 * radius) {
+      seeding.exclude({sphere(origin, options.diameter)});
+      excluded = origin;
+    }
     estimate.ghostRate = ghostRate(particles, seeding, origin, options);
     const Posterior posterior(particles, seeding, origin, covariance, radius, estimate.ghostRate, w, p);
     const PosteriorSamples samples =
         samplePosterior(std::cref(posterior), Eigen::Vector3d::Zero(), covariance, sampling);
-    if (w.size() > 1 || p.size() > 1 || sampling.samples == options.samples) {
-      estimate.voidMinimiser = origin + fewestInside(posterior, samples);
-      const std::vector<double> probability = posterior.widthProbabilities(samples);
-      estimate.positionNoise = 0;
-      for (std::size_t j = 0; j < w.size(); ++j)
-        estimate.positionNoise += probability[j] * w[j] / LogisticPerNoise;
-    }
+    estimate.voidMinimiser = origin + fewestInside(posterior, samples);
+    const std::vector<double> probability = posterior.widthProbabilities(samples);
+    estimate.positionNoise = 0;
+    for (std::size_t j = 0; j < w.size(); ++j)
+      estimate.positionNoise += probability[j] * w[j] / LogisticPerNoise;
     origin += samples.mean;
     covariance = samples.covariance;
     estimate.iterations += samples.rounds;
