@@ -61,9 +61,14 @@ public:
   const std::map<double, LocatedSphere>& known() const { return known_; }
 
 private:
-  std::optional<Eigen::Vector3d> predict(double time) const;
-  LocatedSphere search(const ParticleIndex& index, const std::optional<Eigen::Vector3d>& guess,
-                       const FlowField* flow, const Progress& progress) const;
+  /// Where to look first, in a cube of this side.
+  struct Guess {
+    Eigen::Vector3d centre;
+    double side;
+  };
+  std::optional<Guess> predict(double time) const;
+  LocatedSphere search(const ParticleIndex& index, const std::optional<Guess>& guess, const FlowField* flow,
+                       const Progress& progress) const;
 
   TrackerOptions options_;
   std::map<double, LocatedSphere> known_;
