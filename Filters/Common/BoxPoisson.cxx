@@ -57,7 +57,7 @@ void BoxPoisson<Real>::solve(Real* const* fields, int count) const {
         a.noalias() = transposed_[0] * slab;
         slab.noalias() = a * vectors_[1];
       }
-    // Z (1/lambda) Z^T per row
+      // Z (1/lambda) Z^T per row
 #pragma omp for collapse(2) schedule(static)
     for (int f = 0; f < count; ++f)
       for (int j = 0; j < n_[1]; ++j) {
@@ -69,7 +69,7 @@ void BoxPoisson<Real>::solve(Real* const* fields, int count) const {
         }
         slab.noalias() = b * transposed_[2];
       }
-    // X f Y^T per layer
+      // X f Y^T per layer
 #pragma omp for collapse(2) schedule(static)
     for (int f = 0; f < count; ++f)
       for (int k = 0; k < n_[2]; ++k) {

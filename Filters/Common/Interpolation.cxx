@@ -42,10 +42,10 @@ TrilinearSampler<Real>::TrilinearSampler(const Grid& grid, const double* positio
                    [](const Point& a, const Point& b) { return a.node < b.node; });
   const std::size_t layer = std::size_t(grid.n[0]) * grid.n[1];
   for (std::size_t k = 0; k < layerStart_.size(); ++k)
-    layerStart_[k] = std::size_t(
-        std::lower_bound(point_.begin(), point_.end(), k * layer,
-                         [](const Point& a, std::size_t node) { return a.node < node; }) -
-        point_.begin());
+    layerStart_[k] =
+        std::size_t(std::lower_bound(point_.begin(), point_.end(), k * layer,
+                                     [](const Point& a, std::size_t node) { return a.node < node; }) -
+                    point_.begin());
 }
 
 template <class Real>
@@ -130,8 +130,9 @@ std::vector<Real> resample(const Grid& from, const Real* field, const Grid& to) 
       cells.emplace_back(grid, axis, next.origin[axis] + i * next.spacing[axis]);
       cells.back().t = std::clamp(cells.back().t, 0., 1.);
     }
-    const std::ptrdiff_t stride =
-        axis == 0 ? 1 : axis == 1 ? grid.n[0] : std::ptrdiff_t(grid.n[0]) * grid.n[1];
+    const std::ptrdiff_t stride = axis == 0   ? 1
+                                  : axis == 1 ? grid.n[0]
+                                              : std::ptrdiff_t(grid.n[0]) * grid.n[1];
     const std::ptrdiff_t up = grid.n[axis] > 1 ? stride : 0;
     std::vector<Real> out(next.size());
 #pragma omp parallel for schedule(static)

@@ -6,8 +6,8 @@
 
 namespace rimflow {
 
-/// Trilinear sampling P of grid fields at points, and its transpose. Points must lie within the grid (those on
-/// its faces included). Both are threaded; results do not depend on the number of threads.
+/// Trilinear sampling P of grid fields at points, and its transpose. Points must lie within the grid (those
+/// on its faces included). Both are threaded; results do not depend on the number of threads.
 template <class Real>
 class TrilinearSampler {
 public:

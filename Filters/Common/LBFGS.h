@@ -39,9 +39,9 @@ struct LBFGSState {
 
 /// Minimises f by L-BFGS (Liu & Nocedal 1989) with a strong Wolfe line search (Nocedal & Wright 2006,
 /// algorithms 3.5 and 3.6; near the limit of rounding the approximate conditions of Hager & Zhang 2005).
-/// f(x, g) returns the value and writes the gradient; x and g are arrays of x.size() numbers of type Real, sums
-/// over them are taken in double. x holds the start and then the best point found. callback is called after
-/// each iteration with x; false stops.
+/// f(x, g) returns the value and writes the gradient; x and g are arrays of x.size() numbers of type Real,
+/// sums over them are taken in double. x holds the start and then the best point found. callback is called
+/// after each iteration with x; false stops.
 template <class Real>
 class LBFGS {
 public:
@@ -73,8 +73,7 @@ public:
         slope = setDirection(gradient, direction);
       }
       const double first = history_.empty() ? 1 / norm : 1;
-      const double step =
-          search(f, x, result.value, slope, direction, first, trial, trialGradient, result);
+      const double step = search(f, x, result.value, slope, direction, first, trial, trialGradient, result);
       if (step == 0) {
         if (history_.empty()) {
           result.status = LBFGSStatus::NoProgress;
@@ -156,8 +155,7 @@ private:
       gradientScale = scale;
       for (double& c : coefficient) c *= scale;
     }
-    for (int i = 0; i < pairs; ++i)
-      coefficient[i] += alpha[i] - dotWith(pairs + i) / products_[i][pairs + i];
+    for (int i = 0; i < pairs; ++i) coefficient[i] += alpha[i] - dotWith(pairs + i) / products_[i][pairs + i];
 
     return sums<1>(gradient.size(), [&](std::size_t from, std::size_t to) {
       for (std::size_t i = from; i < to; ++i) direction[i] = Real(-gradientScale * gradient[i]);
@@ -170,8 +168,8 @@ private:
     })[0];
   }
 
-  /// products_[v][w] = basis_v . basis_w and gradientProducts_[v] = basis_v . gradient; only the newest pair's
-  /// rows are new.
+  /// products_[v][w] = basis_v . basis_w and gradientProducts_[v] = basis_v . gradient; only the newest
+  /// pair's rows are new.
   void updateProducts(const std::vector<const Real*>& basis, const Vector& gradient) {
     const int vectors = int(basis.size()), pairs = vectors / 2;
     if (vectors == 0) return;

@@ -59,9 +59,7 @@ public:
   /// 1/h^2 of an axis.
   Real inverseSquare(int axis) const { return inverseSquare_[axis]; }
 
-  bool isInterior(int j, int k) const {
-    return j > 0 && j + 1 < grid_.n[1] && k > 0 && k + 1 < grid_.n[2];
-  }
+  bool isInterior(int j, int k) const { return j > 0 && j + 1 < grid_.n[1] && k > 0 && k + 1 < grid_.n[2]; }
 
   /// out = D_axis f on the row (j, k)
   void derivative(const Real* f, int axis, int j, int k, Real* out) const {

@@ -22,7 +22,9 @@ namespace rimflow {
 inline vtkDataArray* pointVectors(vtkAlgorithm* filter, vtkDataSet* data, int index, const char* name,
                                   bool orActive = true) {
   const char* chosen = filter->GetInputArrayInformation(index)->Get(vtkDataObject::FIELD_NAME());
-  const bool isDefault = !chosen || !*chosen || std::string(chosen) == name;
+  // ParaView sets the index as the name while nothing is chosen yet.
+  const bool isDefault =
+      !chosen || !*chosen || std::string(chosen) == name || std::string(chosen) == std::to_string(index);
   vtkDataArray* array = data->GetPointData()->GetArray(isDefault ? name : chosen);
   if (!array && isDefault && orActive) array = data->GetPointData()->GetVectors();
   return array && array->GetNumberOfComponents() == 3 ? array : nullptr;

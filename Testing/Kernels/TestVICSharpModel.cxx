@@ -1,5 +1,5 @@
-// Breaks when the gradient of the VIC# cost is not the exact adjoint of its value, or the cost differs from the
-// reference.
+// Breaks when the gradient of the VIC# cost is not the exact adjoint of its value, or the cost differs from
+// the reference.
 #include "VICSharpModel.h"
 
 #include <cmath>
@@ -34,9 +34,10 @@ TEST(VICSharpModel, GradientIsTheExactAdjoint) {
     const char* name;
     double alpha, nu, bu, bw, bd, bn, bc;
   };
-  for (const Case& c : {Case{"velocity only", 0, 0, 0, 0, 0, 0, 0}, Case{"velocity, divergence", 0, 0.01, .6, .5, 0, 0, .3},
-                        Case{"accelerations", 1, 0, 0, 0, 0, 0, 0}, Case{"viscous", 0.7, 0.01, 0, 0, 0, 0, 0},
-                        Case{"all", 0.7, 0.01, 0.6, 0.5, 0.4, 0.8, 0.3}}) {
+  for (const Case& c :
+       {Case{"velocity only", 0, 0, 0, 0, 0, 0, 0}, Case{"velocity, divergence", 0, 0.01, .6, .5, 0, 0, .3},
+        Case{"accelerations", 1, 0, 0, 0, 0, 0, 0}, Case{"viscous", 0.7, 0.01, 0, 0, 0, 0, 0},
+        Case{"all", 0.7, 0.01, 0.6, 0.5, 0.4, 0.8, 0.3}}) {
     VICSharpConstants k;
     k.viscosity = c.nu, k.particleSpacing = 0.2, k.velocityScale = 1.1, k.accelerationScale = 4.7;
     k.accelerationWeight = c.alpha, k.divergenceWeight = c.bu, k.vorticityDivergenceWeight = c.bw;
