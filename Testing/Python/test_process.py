@@ -73,11 +73,13 @@ class TestProcess(unittest.TestCase):
         self.run_demo("resumed", "--steps", "2:8", "--resume")
         one = rows(self.out("one"))
         self.assertEqual([r["snapshot"] for r in one], list(range(2, 8)))
+        # a snapshot's estimate depends on where the search began by the sampling error of its posterior, some hundredths of a
+        # micrometre (its standard deviation is 30 um)
         for name in ("two", "resumed"):
             for a, b in zip(one, rows(self.out(name)), strict=True):
                 for axis in "xyz":
-                    self.assertAlmostEqual(a[f"{axis}_m"], b[f"{axis}_m"], delta=1e-8)
-                    self.assertAlmostEqual(a[f"raw_{axis}_m"], b[f"raw_{axis}_m"], delta=1e-8)
+                    self.assertAlmostEqual(a[f"{axis}_m"], b[f"{axis}_m"], delta=2e-7)
+                    self.assertAlmostEqual(a[f"raw_{axis}_m"], b[f"raw_{axis}_m"], delta=2e-7)
 
     def test_the_demo_with_fields_and_pictures(self):
         self.run_demo("fields", "--steps", "7:9", "--fields", "vti", "--spacing", "1.5mm", "--images")
