@@ -1,4 +1,5 @@
 """The filters as a chain for headless runs, and what is written from their outputs. The wrapped VTK classes do the work."""
+import ctypes
 import os
 
 import numpy as np
@@ -278,4 +279,6 @@ def leave(status):
     controller = vtkMultiProcessController.GetGlobalController()
     if status == 0 and controller and controller.GetNumberOfProcesses() > 1:
         controller.Finalize()
+    # pvbatch prints through C's stdout, which keeps the text back when it is a file or a pipe, and which os._exit forgets.
+    ctypes.CDLL(None).fflush(None)
     os._exit(status)

@@ -21,7 +21,8 @@ def process(*arguments, ranks=1, tracks=(TRACKS,)):
     """Runs the command through the launcher's own script, without building again."""
     script = os.path.join(os.environ["PYTHONPATH"].split(":")[0], "rimflow", "process.py")
     run = ["pvbatch"] if ranks == 1 else ["mpirun", "--oversubscribe", "-np", str(ranks), "pvbatch", "--sym"]
-    return subprocess.run([*run, script, *tracks, *arguments], capture_output=True, text=True, timeout=500)
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONUNBUFFERED"}  # it would hide lines that are lost in a buffer
+    return subprocess.run([*run, script, *tracks, *arguments], capture_output=True, text=True, timeout=500, env=environment)
 
 
 def rows(folder, name="trajectory.csv"):
@@ -48,7 +49,7 @@ class TestProcess(unittest.TestCase):
         return result
 
     def test_finds_the_sphere_in_every_snapshot_of_the_demo(self):
-        self.run_demo("all")
+        self.assertIn("16 snapshots: 16 found", self.run_demo("all").stdout)
         table = rows(self.out("all"))
         self.assertEqual([r["snapshot"] for r in table], list(range(16)))
         self.assertEqual({r["status"] for r in table}, {0})
@@ -65,7 +66,7 @@ class TestProcess(unittest.TestCase):
 
     def test_two_ranks_and_a_resumed_run_give_the_numbers_of_one(self):
         self.run_demo("one", "--steps", "2:8")
-        self.run_demo("two", "--steps", "2:8", ranks=2)
+        self.assertIn("6 snapshots: 6 found", self.run_demo("two", "--steps", "2:8", ranks=2).stdout)
         shutil.copytree(self.out("one"), self.out("resumed"))
         for k in (3, 6):
             os.remove(self.out(f"resumed/snapshots/{k:06d}.json"))
