@@ -150,6 +150,8 @@ LocatedSphere SphereTracker::search(const ParticleIndex& index, const std::optio
     const VoidEstimate v =
         published ? roughVoid(index, seeding, start, near) : locateVoid(index, seeding, start, near);
     if (!isSphere(v, index, g.side * g.side * g.side, options_)) return std::nullopt;
+    // Found far outside the cube: then it was not searched among the cube's places alone.
+    if (g.side < side && (v.centre - start).cwiseAbs().maxCoeff() > 0.75 * g.side) return std::nullopt;
     return published ? fromPublished(minimisePublishedCost(index, *flow, start, options_.published), diameter)
                      : fromLikelihood(v);
   };
