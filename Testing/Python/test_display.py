@@ -17,22 +17,23 @@ def display(first):
 
 
 class TestDisplay(unittest.TestCase):
-    def setUp(self):
-        self.first = 10000 + os.getpid() % 10000 * 4
+    first = 10000 + os.getpid() % 5000 * 10  # a display that has just ended may keep its number for a moment: each test has its own
+
+    def test_a_free_number_is_taken_whatever_display_there_is(self):
         self.assertEqual(display(self.first), self.first)
 
     def test_a_server_of_another_container_on_the_same_network(self):
         server = socket.socket(socket.AF_UNIX)
         self.addCleanup(server.close)
-        server.bind(f"\0/tmp/.X11-unix/X{self.first}")
-        self.assertEqual(display(self.first), self.first + 1)
+        server.bind(f"\0/tmp/.X11-unix/X{self.first + 3}")
+        self.assertEqual(display(self.first + 3), self.first + 4)
 
     def test_a_server_with_a_lock_file(self):
-        lock = f"/tmp/.X{self.first}-lock"
+        lock = f"/tmp/.X{self.first + 6}-lock"
         with open(lock, "x", encoding="utf-8") as f:
             f.write(f"{os.getpid():10d}\n")
         self.addCleanup(os.remove, lock)
-        self.assertEqual(display(self.first), self.first + 1)
+        self.assertEqual(display(self.first + 6), self.first + 7)
 
 
 if __name__ == "__main__":
