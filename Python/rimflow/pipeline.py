@@ -184,6 +184,7 @@ def smooth(times, centres, covariances, status, diameter):
         _add(data.GetPointData(), name, values)
     smoother, errors = vtkTrajectorySmoother(), Errors()
     errors.watch(smoother)
+    smoother.SetLargestPredictionSigma(0.5 * diameter)  # as the locator's Trajectory
     smoother.SetInputData(data)
     smoother.Update()
     errors.check()

@@ -1,6 +1,7 @@
 """Breaks when `rimflow process` does not find the demo's sphere where it is, when two ranks or a resumed run give other numbers
 than one run, or when bad input ends in anything but a clear message. Run by python3; it starts pvbatch itself."""
 import csv
+import gzip
 import json
 import math
 import os
@@ -81,6 +82,30 @@ class TestProcess(unittest.TestCase):
                 for axis in "xyz":
                     self.assertAlmostEqual(a[f"{axis}_m"], b[f"{axis}_m"], delta=2e-7)
                     self.assertAlmostEqual(a[f"raw_{axis}_m"], b[f"raw_{axis}_m"], delta=2e-7)
+
+    def test_goes_back_to_snapshots_lost_before_the_first_find(self):
+        # in the first two snapshots every 6th particle: too few to find the sphere without a hint
+        thin, zone, seen = self.out("thin.dat"), 0, 0
+        with gzip.open(TRACKS, "rt", encoding="latin-1") as whole, open(thin, "w", encoding="latin-1") as part:
+            for line in whole:
+                zone += line.startswith("ZONE")
+                if line[0] in "-.0123456789":
+                    seen += 1
+                    if zone <= 2 and seen % 6:
+                        continue
+                elif line.startswith("I="):
+                    line = "J=1, K=1, ZONETYPE=Ordered\n"
+                part.write(line)
+        # with two ranks, the find is another's
+        for name, steps, ranks in (("serial", "1:6", 1), ("parallel", "1:3", 2)):
+            result = process("--out", self.out(name), "--diameter", "9.53mm", "--steps", steps, tracks=[thin], ranks=ranks)
+            self.assertEqual(result.returncode, 0, result.stderr)
+            table = rows(self.out(name))
+            self.assertEqual({r["status"] for r in table}, {0})
+            self.assertLess(max(error(r, "raw_") for r in table), 0.1)
+        # alone, such a snapshot is lost
+        process("--out", self.out("alone"), "--diameter", "9.53mm", "--steps", "1:2", tracks=[thin])
+        self.assertEqual([r["status"] for r in rows(self.out("alone"))], [2])
 
     def test_the_demo_with_fields_and_pictures(self):
         self.run_demo("fields", "--steps", "7:9", "--fields", "vti", "--spacing", "1.5mm", "--images")
