@@ -209,6 +209,10 @@ int vtkInvisibleSphereLocator::RequestUpdateExtent(vtkInformation* request, vtkI
     state.pending.clear();
     for (int k = n; k-- > 0;)
       if (state.tracker && !state.tracker->knows(times[k])) state.pending.push_back(times[k]);
+    if (state.pending.empty() && state.tracker) { // all visited one by one, but not all in the best order
+      const std::vector<double> again = state.tracker->worthAnotherLook();
+      state.pending.assign(again.rbegin(), again.rend());
+    }
     const int port = std::max(0, request->Get(vtkExecutive::FROM_OUTPUT_PORT()));
     vtkInformation* out = outputs->GetInformationObject(port);
     state.requested = out->Has(Pipeline::UPDATE_TIME_STEP()) ? out->Get(Pipeline::UPDATE_TIME_STEP())

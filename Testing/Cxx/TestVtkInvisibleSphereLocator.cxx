@@ -225,6 +225,14 @@ TEST(VtkInvisibleSphereLocator, AllTimesGoBackToWhatWasLostAtFirst) {
   s.at(1);
   ASSERT_EQ(s.output(1)->GetNumberOfPoints(), 1);
   EXPECT_LT(s.error(), 0.15);
+
+  ThinnedScene scrubbed([](int k) { return k < 2 ? 0.13 : 1; }); // all times were seen one by one before
+  for (int k = 0; k < 12; ++k) scrubbed.at(k);
+  EXPECT_EQ(scrubbed.output(2)->GetPointData()->GetArray("Status")->GetTuple1(0), 1);
+  scrubbed.locator->ProcessAllTimesOn();
+  scrubbed.at(8);
+  for (int k = 0; k < 12; ++k)
+    EXPECT_EQ(scrubbed.output(2)->GetPointData()->GetArray("Status")->GetTuple1(k), 0) << k;
 }
 
 TEST(VtkInvisibleSphereLocator, ForgetsWhatNoLongerHolds) {
