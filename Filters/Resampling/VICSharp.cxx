@@ -15,6 +15,8 @@ namespace {
 using Model = VICSharpModel<float>;
 
 constexpr std::size_t MinimumParticles = 20;
+// In mean particle spacings. A random cloud leaves a given ball of this size empty with probability 2e-11.
+constexpr double VoidRadius = 1.8;
 constexpr double CalibrationNodes = 6e4; // about 7000 particles
 
 void check(const VICSharpTracks& t, const VICSharpOptions& o) {
@@ -269,7 +271,7 @@ public:
 
 private:
   static VICSharpData withoutWeight(VICSharpData data, const std::vector<std::size_t>& particles) {
-    data.velocityWeight.assign(data.size(), 1);
+    if (data.velocityWeight.empty()) data.velocityWeight.assign(data.size(), 1);
     for (std::size_t p : particles) {
       data.velocityWeight[p] = 0;
       if (!data.acceleration.empty()) data.accelerationWeight[p] = 0;
@@ -354,6 +356,7 @@ VICSharpData within(const VICSharpData& data, const Grid& grid) {
     if (!within(grid, x)) continue;
     out.position.insert(out.position.end(), x, x + 3);
     out.velocity.insert(out.velocity.end(), &data.velocity[3 * p], &data.velocity[3 * p] + 3);
+    if (!data.velocityWeight.empty()) out.velocityWeight.push_back(data.velocityWeight[p]);
     if (data.acceleration.empty()) continue;
     out.acceleration.insert(out.acceleration.end(), &data.acceleration[3 * p], &data.acceleration[3 * p] + 3);
     out.accelerationWeight.push_back(data.accelerationWeight[p]);
@@ -414,6 +417,99 @@ double volume(const Grid& g) {
   return v;
 }
 
+/// The velocity of the wall as data: one point per cell of its surface (Fibonacci's lattice), no-slip.
+/// Accelerations measured within about a spacing of the wall count less, as the boundary layer is thinner
+/// than what a grid can carry.
+void addWall(const Body& body, double h, const Grid& grid, VICSharpData& d) {
+  d.velocityWeight.resize(d.size(), 1);
+  for (std::size_t e = 0; e < d.size() && !d.acceleration.empty(); ++e) {
+    const double* x = &d.position[3 * e];
+    d.accelerationWeight[e] *= 1 - std::exp(-square(body.signedDistance({x[0], x[1], x[2]}) / h));
+  }
+  const double radius = 0.5 * body.diameter;
+  const int count = int(4 * M_PI * square(radius / h));
+  for (int e = 0; e < count; ++e) {
+    const double z = 1 - (2 * e + 1.) / count, s = std::sqrt(1 - z * z), phi = M_PI * (1 + std::sqrt(5.)) * e;
+    const Eigen::Vector3d x = body.centre + radius * Eigen::Vector3d(s * std::cos(phi), s * std::sin(phi), z);
+    if (!within(grid, x.data())) continue;
+    const Eigen::Vector3d u = body.velocityAt(x);
+    d.position.insert(d.position.end(), x.data(), x.data() + 3);
+    for (int c = 0; c < 3; ++c) d.velocity.push_back(u[c] - d.meanVelocity[c]);
+    d.velocityWeight.push_back(1);
+    if (d.acceleration.empty()) continue;
+    d.acceleration.insert(d.acceleration.end(), 3, 0);
+    d.accelerationWeight.push_back(0);
+  }
+}
+
+/// Where there are no particles, there may be a body that nobody knows of: the signed distance from the union
+/// of all balls of `radius` within the particles' box that hold no particle, at the nodes of a grid, < 0
+/// inside; empty without any.
+std::vector<float> voidDistance(const VICSharpData& data, const Grid& grid, double radius) {
+  std::array<double, 6> box{1e300, -1e300, 1e300, -1e300, 1e300, -1e300};
+  for (std::size_t e = 0; e < 3 * data.size(); ++e) {
+    const double x = data.position[e];
+    box[2 * (e % 3)] = std::min(box[2 * (e % 3)], x);
+    box[2 * (e % 3) + 1] = std::max(box[2 * (e % 3) + 1], x);
+  }
+  const double h = grid.spacing[0];
+  /// f(node, distance) for all nodes within `reach` of x
+  const auto around = [&](const double* x, double reach, auto&& f) {
+    int low[3], high[3];
+    for (int a = 0; a < 3; ++a) {
+      low[a] = std::max(0, int(std::ceil((x[a] - reach - grid.origin[a]) / h)));
+      high[a] = std::min(grid.n[a] - 1, int(std::floor((x[a] + reach - grid.origin[a]) / h)));
+    }
+    for (int k = low[2]; k <= high[2]; ++k)
+      for (int j = low[1]; j <= high[1]; ++j)
+        for (int i = low[0]; i <= high[0]; ++i) {
+          const auto y = grid.position(i, j, k);
+          const double distance = std::sqrt(square(y[0] - x[0]) + square(y[1] - x[1]) + square(y[2] - x[2]));
+          if (distance <= reach) f(grid.index(i, j, k), distance);
+        }
+  };
+  std::vector<bool> taken(grid.size(), false);
+  for (std::size_t p = 0; p < data.size(); ++p)
+    around(&data.position[3 * p], radius, [&](std::size_t node, double) { taken[node] = true; });
+  constexpr float Far = 1e30f;
+  std::vector<float> out(grid.size(), Far);
+  bool any = false;
+  for (int k = 0; k < grid.n[2]; ++k)
+    for (int j = 0; j < grid.n[1]; ++j)
+      for (int i = 0; i < grid.n[0]; ++i) {
+        const auto x = grid.position(i, j, k);
+        bool centre = !taken[grid.index(i, j, k)];
+        for (int a = 0; a < 3; ++a) centre = centre && x[a] > box[2 * a] && x[a] < box[2 * a + 1];
+        if (!centre) continue;
+        any = true;
+        around(x.data(), 3 * radius, [&](std::size_t node, double distance) {
+          out[node] = std::min(out[node], float(distance - radius));
+        });
+      }
+  if (!any) out.clear();
+  return out;
+}
+
+/// Tells the model of the body and of voids. They are walls that make vorticity.
+void addWalls(const VICSharpOptions& options, Problem& p) {
+  const auto field =
+      std::make_shared<std::vector<float>>(voidDistance(p.data, p.grid, VoidRadius * p.spacing));
+  const std::optional<Body> body = options.body;
+  if (field->empty() && !body) return;
+  const Grid grid = p.grid;
+  p.constants.distance = [field, grid, body](double x, double y, double z) {
+    double distance = body ? body->signedDistance({x, y, z}) : 1e30;
+    if (field->empty()) return distance;
+    const double at[3] = {x, y, z};
+    int n[3];
+    for (int a = 0; a < 3; ++a)
+      n[a] = std::clamp(int(std::lround((at[a] - grid.origin[a]) / grid.spacing[a])), 0, grid.n[a] - 1);
+    return std::min(distance, double((*field)[grid.index(n[0], n[1], n[2])]) + 0.5 * grid.spacing[0]);
+  };
+  p.constants.navierStokesWeight *= 0.1; // there is no pressure inside
+  if (body) addWall(*body, options.grid.spacing[0], p.grid, p.data);
+}
+
 Problem problem(const VICSharpTracks& tracks, const VICSharpOptions& options) {
   check(tracks, options);
   Problem p;
@@ -445,6 +541,7 @@ Problem problem(const VICSharpTracks& tracks, const VICSharpOptions& options) {
   k.accelerationDivergenceWeight = options.accelerationDivergenceWeight;
   k.navierStokesWeight = options.navierStokesWeight;
   k.curvatureWeight = options.curvatureWeight > 0 ? options.curvatureWeight : 0.0125;
+  addWalls(options, p);
   return p;
 }
 
@@ -503,6 +600,39 @@ void writeFields(const Model& model, const Problem& p, VICSharpResult& result) {
   result.divergenceNorm = sums[1] > 0 ? std::sqrt(sums[0] / sums[1]) : 0;
   for (float value : result.pressure) meanPressure += double(value) / double(to.size());
   for (float& value : result.pressure) value -= float(meanPressure);
+}
+
+/// The acceleration within `thickness` of the wall: it falls linearly to the wall's own from where the fields
+/// can follow the flow.
+void wallLayer(const Body& body, double thickness, VICSharpResult& r) {
+  const Grid& g = r.grid;
+  std::vector<double> outer; // positions at the edge of the layer
+  std::vector<std::size_t> nodes;
+  for (int k = 0; k < g.n[2]; ++k)
+    for (int j = 0; j < g.n[1]; ++j)
+      for (int i = 0; i < g.n[0]; ++i) {
+        const auto p = g.position(i, j, k);
+        const Eigen::Vector3d x(p[0], p[1], p[2]);
+        const double s = body.signedDistance(x);
+        if (s <= 0 || s >= thickness) continue;
+        const Eigen::Vector3d edge = x + (thickness - s) * (x - body.centre).normalized();
+        if (!within(g, edge.data())) continue;
+        outer.insert(outer.end(), edge.data(), edge.data() + 3);
+        nodes.push_back(g.index(i, j, k));
+      }
+  const Sampler<float> sampler(g, outer.data(), nodes.size(), 2);
+  std::vector<float> component(g.size()), values(nodes.size());
+  for (int c = 0; c < 3; ++c) {
+    for (std::size_t e = 0; e < g.size(); ++e) component[e] = r.acceleration[3 * e + c];
+    sampler.sample(component.data(), values.data());
+    for (std::size_t e = 0; e < nodes.size(); ++e) {
+      const std::size_t n = nodes[e];
+      const auto p = g.position(int(n % g.n[0]), int(n / g.n[0] % g.n[1]), int(n / g.n[0] / g.n[1]));
+      const Eigen::Vector3d x(p[0], p[1], p[2]);
+      const double wall = body.accelerationAt(x)[c], part = body.signedDistance(x) / thickness;
+      r.acceleration[3 * n + c] = float(wall + part * (values[e] - wall));
+    }
+  }
 }
 
 /// Nodes inside the body move with it.
@@ -575,7 +705,10 @@ VICSharpResult vicSharp(const VICSharpTracks& tracks, const VICSharpOptions& opt
   result.velocityMisfit = overNoise(model.velocityMisfits(), found->velocityNoise);
   result.accelerationMisfit = overNoise(model.accelerationMisfits(), found->accelerationNoise);
   writeFields(model, p, result);
-  if (options.body) maskBody(*options.body, result);
+  if (options.body) {
+    wallLayer(*options.body, 1.5 * options.grid.spacing[0], result);
+    maskBody(*options.body, result);
+  }
   goOn(progress, 1);
   return result;
 }

@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <vector>
 
@@ -37,6 +38,8 @@ struct VICSharpConstants {
   double accelerationOutlier = 0;  ///< ha, m/s2, likewise
   int order = 4;                   ///< of the central differences and of sampling, 2 or 4
   bool precondition = true;        ///< unknowns scaled mode by mode, so that all converge at a like pace
+  /// Signed distance of x, y, z from the nearest wall or void, m, < 0 inside; empty: there is none.
+  std::function<double(double, double, double)> distance;
   double vorticityScale() const { return 0.5 * velocityScale / particleSpacing; } ///< sw
 };
 
@@ -64,6 +67,10 @@ struct Huber {
 ///       + bn^2 min over p of <|a + grad p - nu L u|^2>/sa^2
 ///       + bc^2 (r^4 <|L w|^2>/sw^2 + 2 r^5 A/V <|Lt u|^2/su^2 + |Lt d|^2/sa^2> on the faces)
 /// where |.|^2 of the data becomes Huber's function for particles that miss by more than hu or ha.
+/// Inside a wall or a void (distance < 0) the fields are smooth extensions of those outside. The vorticity
+/// equation does not hold there, as the wall makes vorticity: there q = (1 - s) (...) + s f, where f is
+/// unknown too (a weak penalty on f keeps it finite), and s rises from 0 at half a spacing outside to 1. Next
+/// to a wall the flow changes more quickly than elsewhere: bc^2 falls to a thirtieth at the wall.
 /// p is pressure/density and is found exactly in each evaluation; Lt is the Laplacian within a face, A and V
 /// are the area and the volume of the box. F, Fb and Fe are symmetric smoothing operators, diagonal in
 /// cosines, that make the Hessian of J roughly the identity; they change the path to the minimum, not the
@@ -82,6 +89,7 @@ public:
   struct State {
     Grid grid;
     VectorField vorticity, velocity, rate; ///< velocity less the mean; rate may be empty
+    VectorField source;                    ///< dw/dt inside; empty: nothing is inside
     std::array<double, 3> mean;
   };
 
@@ -98,7 +106,9 @@ public:
   bool hasPressure() const { return constants_.navierStokesWeight > 0; }
   bool hasRate() const { return hasAccelerationData() || hasPressure(); }
   /// Unknowns, in the order c (x, y, z components), b, e (if the model has a rate).
-  std::size_t size() const { return 3 * (grid_.size() + (hasRate() ? 2 : 1) * boundary_.size()); }
+  std::size_t size() const {
+    return 3 * (grid_.size() + (hasRate() ? 2 : 1) * boundary_.size() + inside_.size());
+  }
 
   /// J and its gradient. Fields and terms below then belong to x.
   double cost(const Vector& x, Vector& gradient);
@@ -116,7 +126,7 @@ public:
   const std::vector<double>& accelerationMisfits() const { return accelerationMisfits_; }
 
   /// The present solution, and the unknowns that come closest to a solution of any grid.
-  State state() const { return {grid_, w_, u_, d_, {mean_[0], mean_[1], mean_[2]}}; }
+  State state() const;
   Vector unknowns(const State& state) const;
 
 private:
@@ -132,6 +142,10 @@ private:
     Real weight[2];
   };
 
+  void findInside();
+  void freeInside(const Real* source);
+  double freeInsideTransposed(const Real* source, Real* bar);
+  double sourceScale() const { return 3 * constants_.accelerationScale / constants_.particleSpacing; }
   void makePreconditioners();
   void makeFaceLaplacian();
   AxisBasis normalBasis(int axis) const;
@@ -161,12 +175,16 @@ private:
   BoundaryNodes boundary_;
   std::vector<Face> faces_;
   std::vector<FaceLaplacian> faceLaplacian_;
+  std::vector<std::uint32_t> inside_; ///< nodes where dw/dt is free
+  Vector insideShare_;                ///< s, 0 < s <= 1, of each of them
+  Vector smoothness_;                 ///< part of bc^2 that counts, per node; empty: 1
   double areaOverVolume_ = 0;
   Sampler<Real> sampler_;
   std::array<Real, 3> mean_;
   std::array<Vector, 3> velocityData_, accelerationData_;
   Vector velocityWeight_, accelerationWeight_;
   Terms terms_;
+  VectorField source_;            // f, 0 outside
   VectorField w_, u_, q_, d_, a_; // q_ holds its adjoint after transport
   Vector uBoundary_, dBoundary_;
   VectorField wBar_, uBar_, aBar_, dBar_; // adjoints: dJ/dw and so on
