@@ -17,11 +17,12 @@ add_library(rimflow_kernels STATIC
   Readers/TrackTimeline.cxx
   Filters/Common/BoxPoisson.cxx
   Filters/Common/Interpolation.cxx
+  Filters/Common/ParticleIndex.cxx
+  Filters/Resampling/MedianTest.cxx
   Filters/Resampling/ResamplingGrid.cxx
   Filters/Resampling/VICSharp.cxx
   Filters/Resampling/VICSharpModel.cxx
   Filters/Locator/ImportanceSampling.cxx
-  Filters/Locator/ParticleIndex.cxx
   Filters/Locator/PublishedCost.cxx
   Filters/Locator/SeedingDensity.cxx
   Filters/Locator/SphereCapture.cxx

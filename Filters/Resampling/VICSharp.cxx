@@ -1,6 +1,7 @@
 #include "VICSharp.h"
 
 #include "LBFGS.h"
+#include "MedianTest.h"
 
 #include <algorithm>
 #include <cmath>
@@ -69,14 +70,21 @@ Grid coarseGrid(const Grid& fine, double factor) {
   return grid;
 }
 
-/// Usable particles within the box of `grid`, with velocities as they are.
-VICSharpData usable(const VICSharpTracks& t, const Grid& grid, const std::optional<Body>& body) {
+/// Usable particles within the box of `grid`, with velocities as they are; without those marked as outliers,
+/// which are counted.
+VICSharpData usable(const VICSharpTracks& t, const Grid& grid, const std::optional<Body>& body,
+                    const std::vector<unsigned char>& outlier, std::size_t& outliers) {
   VICSharpData data;
+  outliers = 0;
   for (std::size_t p = 0; p < t.count; ++p) {
     const double x[3] = {t.positions[3 * p], t.positions[3 * p + 1], t.positions[3 * p + 2]};
     const float* u = t.velocities + 3 * p;
     if (!within(grid, x) || !std::isfinite(u[0]) || !std::isfinite(u[1]) || !std::isfinite(u[2])) continue;
     if (body && body->contains(Eigen::Vector3d(x[0], x[1], x[2]))) continue;
+    if (!outlier.empty() && outlier[p]) {
+      ++outliers;
+      continue;
+    }
     data.position.insert(data.position.end(), x, x + 3);
     data.velocity.insert(data.velocity.end(), u, u + 3);
     if (!t.accelerations) continue;
@@ -88,7 +96,8 @@ VICSharpData usable(const VICSharpTracks& t, const Grid& grid, const std::option
   if (data.size() < MinimumParticles)
     throw std::invalid_argument("only " + std::to_string(data.size()) + " of " + std::to_string(t.count) +
                                 " particles lie in the bounds with finite velocities" +
-                                (body ? " and outside of the body" : "") + "; at least " +
+                                (body ? " and outside of the body" : "") +
+                                (outliers ? " and belong among their neighbours" : "") + "; at least " +
                                 std::to_string(MinimumParticles) + " are needed");
   return data;
 }
@@ -408,6 +417,7 @@ struct Problem {
   int margin;     ///< nodes that the model's grid has beyond the output's
   Grid grid;
   VICSharpData data;
+  std::size_t outliers; ///< left out of the data
   VICSharpConstants constants;
 };
 
@@ -513,10 +523,18 @@ void addWalls(const VICSharpOptions& options, Problem& p) {
 Problem problem(const VICSharpTracks& tracks, const VICSharpOptions& options) {
   check(tracks, options);
   Problem p;
-  p.spacing = std::cbrt(volume(options.grid) / double(usable(tracks, options.grid, options.body).size()));
+  // Gone altogether, not only of no weight: nothing is scaled, calibrated or judged by them.
+  const auto outlier =
+      options.outliers > 0
+          ? medianTest(tracks.positions, tracks.velocities, tracks.accelerations, tracks.count).outlier
+          : std::vector<unsigned char>();
+  const auto among = [&](const Grid& grid) {
+    return usable(tracks, grid, options.body, outlier, p.outliers);
+  };
+  p.spacing = std::cbrt(volume(options.grid) / double(among(options.grid).size()));
   p.margin = int(std::ceil(options.padding * p.spacing / options.grid.spacing[0] - 1e-6));
   p.grid = padded(options.grid, p.margin);
-  p.data = usable(tracks, p.grid, options.body);
+  p.data = among(p.grid);
   std::array<double, 3>& mean = p.data.meanVelocity;
   const std::size_t n = p.data.size();
   for (std::size_t e = 0; e < 3 * n; ++e) mean[e % 3] += p.data.velocity[e] / double(n);
@@ -667,6 +685,7 @@ VICSharpResult vicSharp(const VICSharpTracks& tracks, const VICSharpOptions& opt
   VICSharpResult result;
   result.grid = options.grid;
   result.particlesUsed = p.data.size();
+  result.outliers = p.outliers;
   result.particleSpacing = p.spacing;
   const auto found = calibration ? *calibration : calibrate(p, options, part(progress, 0, 0.3));
   result.aborted = !found;

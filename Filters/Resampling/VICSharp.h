@@ -36,7 +36,8 @@ struct VICSharpOptions {
   double navierStokesWeight = 0.1;
   double curvatureWeight = 0; ///< bc, >= 0; 0: found with particles held out
   double heldOut = 0.05;      ///< part of the particles held out while bc is sought, 0 < and < 0.5
-  double outliers = 5; ///< misses by more than so many standard deviations count linearly, >= 0; 0: never
+  double outliers = 5; ///< misses by more than so many standard deviations count linearly, >= 0; 0: never,
+                       ///< and no particle is left out by the median test (MedianTest.h)
   std::optional<Body> body; ///< particles inside are dropped; nodes inside carry its motion
 };
 
@@ -61,6 +62,7 @@ struct VICSharpResult {
   double velocityMisfit = 0, accelerationMisfit = 0; ///< rms per component over the noise
   double divergenceNorm = 0;                         ///< rms of div u over rms of |grad u|
   std::size_t particlesUsed = 0;
+  std::size_t outliers = 0;   ///< left out, because they do not belong among their neighbours
   double particleSpacing = 0; ///< r, m
   std::string stop;           ///< why the iteration ended
   std::shared_ptr<const VICSharpState> state;

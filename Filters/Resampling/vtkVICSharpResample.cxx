@@ -106,6 +106,7 @@ void fill(vtkImageData* image, const rimflow::VICSharpResult& r) {
   addNumber(image, "AccelerationNoise", r.calibration.accelerationNoise);
   addNumber(image, "CurvatureWeight", r.calibration.curvatureWeight);
   addNumber(image, "ParticlesUsed", double(r.particlesUsed));
+  addNumber(image, "Outliers", double(r.outliers));
   vtkNew<vtkStringArray> stop;
   stop->SetName("StopReason");
   stop->InsertNextValue(r.stop);

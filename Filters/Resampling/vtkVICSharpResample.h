@@ -11,7 +11,8 @@
  * (m2/s2, mean 0). With a Body, nodes inside it carry its rigid motion, `Mask` = 1 and vtkGhostType
  * HIDDENPOINT. Field data: `Iterations`, `MisfitVelocity`, `MisfitAcceleration` (rms per datum in units of
  * the noise), `DivergenceNorm` (rms of div u over rms of |grad u|), `VelocityNoise`, `AccelerationNoise`
- * (used), `CurvatureWeight`, `ParticlesUsed`, `StopReason`, `ElapsedTime` (s).
+ * (used), `CurvatureWeight`, `ParticlesUsed`, `Outliers` (particles left out because their velocity or
+ * acceleration does not belong among their neighbours': ghost tracks), `StopReason`, `ElapsedTime` (s).
  *
  * VIC# (Jeon, Mueller & Michaelis 2022) on VIC+ (Schneiders & Scarano 2016): the vorticity whose velocity and
  * acceleration fit the tracks as closely as their noise allows; see VICSharp.h.
