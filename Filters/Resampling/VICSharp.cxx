@@ -268,7 +268,7 @@ public:
     improves(first);
     for (double factor : {0.5, 2.}) {
       int worse = 0;
-      for (double w = factor * first; worse < 2 && w > 7e-4 && w < 0.5 && !reconstruction_.aborted();
+      for (double w = factor * first; worse < 2 && w > 1.4e-3 && w < 0.5 && !reconstruction_.aborted();
            w *= factor)
         worse = improves(w) ? 0 : worse + 1;
       if (trials.size() > 3) break; // it was better further down: no need to look up
@@ -288,19 +288,17 @@ private:
     return data;
   }
 
+  /// The largest log bc whose score is within 3 % of the lowest: between the last trial that is and the next
+  /// one, where a parabola with its vertex at the former says so.
   static double smoothest(std::vector<std::pair<double, double>> trials, double lowest) {
     std::sort(trials.begin(), trials.end());
-    std::size_t b = 0;
+    std::size_t last = 0;
     for (std::size_t t = 0; t < trials.size(); ++t)
-      if (trials[t].second == lowest) b = t;
-    double chosen = trials[b].first;
-    if (b > 0 && b + 1 < trials.size()) {
-      const double left = trials[b - 1].second - lowest, right = trials[b + 1].second - lowest;
-      chosen += 0.5 * (left - right) / (left + right) * (trials[b + 1].first - trials[b].first);
-    }
-    for (const auto& [weight, score] : trials)
-      if (score <= 1.01 * lowest) chosen = std::max(chosen, weight);
-    return chosen;
+      if (trials[t].second <= 1.03 * lowest) last = t;
+    if (last + 1 == trials.size()) return trials[last].first;
+    const double room = 1.03 * lowest - trials[last].second,
+                 rise = trials[last + 1].second - trials[last].second;
+    return trials[last].first + std::sqrt(room / rise) * (trials[last + 1].first - trials[last].first);
   }
 
   VICSharpCalibration measure(double weight) const {
@@ -413,8 +411,9 @@ Grid calibrationGrid(const Grid& grid, const VICSharpData& data, double nodes) {
 
 /// The data, the grid and the constants of one reconstruction.
 struct Problem {
-  double spacing; ///< r
-  int margin;     ///< nodes that the model's grid has beyond the output's
+  double spacing;        ///< r
+  std::size_t particles; ///< used
+  int margin;            ///< nodes that the model's grid has beyond the output's
   Grid grid;
   VICSharpData data;
   std::size_t outliers; ///< left out of the data
@@ -559,6 +558,7 @@ Problem problem(const VICSharpTracks& tracks, const VICSharpOptions& options) {
   k.accelerationDivergenceWeight = options.accelerationDivergenceWeight;
   k.navierStokesWeight = options.navierStokesWeight;
   k.curvatureWeight = options.curvatureWeight > 0 ? options.curvatureWeight : 0.0125;
+  p.particles = p.data.size();
   addWalls(options, p);
   return p;
 }
@@ -684,7 +684,7 @@ VICSharpResult vicSharp(const VICSharpTracks& tracks, const VICSharpOptions& opt
   Problem p = problem(tracks, options);
   VICSharpResult result;
   result.grid = options.grid;
-  result.particlesUsed = p.data.size();
+  result.particlesUsed = p.particles;
   result.outliers = p.outliers;
   result.particleSpacing = p.spacing;
   const auto found = calibration ? *calibration : calibrate(p, options, part(progress, 0, 0.3));

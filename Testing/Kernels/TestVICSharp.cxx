@@ -1,5 +1,6 @@
 // Breaks when the reconstruction does not gain from accelerations, follows the noise, leaves the data's box,
-// or takes what it cannot use without a word.
+// does not feel a wall, or takes what it cannot use without a word.
+#include "AnalyticFlows.h"
 #include "ResamplingGrid.h"
 #include "VICSharp.h"
 
@@ -189,7 +190,46 @@ TEST(VICSharp, NodesInsideTheBodyMoveWithIt) {
   const auto x = s.grid.position(10, 8, 8);
   ASSERT_EQ(r.mask[node], 1);
   EXPECT_NEAR(r.velocity[3 * node + 1], 0.4 + 10 * (x[0] - 1e-3), 1e-6);
-  EXPECT_LT(r.particlesUsed, s.x.size() / 3);
+  std::size_t outside = 0;
+  for (std::size_t q = 0; q < s.x.size(); q += 3)
+    outside += !body.contains(Eigen::Vector3d(s.x[q], s.x[q + 1], s.x[q + 2]));
+  EXPECT_EQ(r.particlesUsed + r.outliers, outside);
+}
+
+TEST(VICSharp, TheWallIsSeenWithTheBody) {
+  // creeping flow around a sphere 10 spacings wide, particles 2.2 spacings apart, 3 % noise
+  AnalyticFlow flow;
+  flow.body.diameter = 10e-3;
+  flow.body.centre = Eigen::Vector3d(0.3e-3, -0.2e-3, 0.1e-3);
+  flow.body.velocity = Eigen::Vector3d(0.02, 0.2, -0.05);
+  VICSharpOptions o;
+  o.grid = {{-12e-3, -12e-3, -12e-3}, {1e-3, 1e-3, 1e-3}, {25, 25, 25}};
+  std::mt19937 random(7);
+  std::uniform_real_distribution<double> place(-12e-3, 12e-3);
+  std::normal_distribution<double> noise(0, 0.002);
+  Scene s;
+  for (int p = 0; p < 1300; ++p) {
+    const Eigen::Vector3d x(place(random), place(random), place(random));
+    if (flow.body.contains(x)) continue;
+    const Eigen::Vector3d u = flow.velocity(x, 0);
+    for (int c = 0; c < 3; ++c) s.x.push_back(float(x[c])), s.u.push_back(float(u[c] + noise(random)));
+  }
+  const VICSharpResult without = vicSharp(s.tracks(), o);
+  o.body = flow.body;
+  const VICSharpResult with = vicSharp(s.tracks(), o);
+  double near[2] = {}, far[2] = {};
+  for (std::size_t node = 0; node < o.grid.size(); ++node) {
+    const auto p = o.grid.position(int(node % 25), int(node / 25 % 25), int(node / 625));
+    const Eigen::Vector3d x(p[0], p[1], p[2]), u = flow.velocity(x, 0);
+    const double distance = flow.body.signedDistance(x);
+    if (distance <= 0) continue;
+    for (int w = 0; w < 2; ++w) {
+      const float* v = (w ? with : without).velocity.data() + 3 * node;
+      (distance < 1.5e-3 ? near : far)[w] += (Eigen::Vector3d(v[0], v[1], v[2]) - u).squaredNorm();
+    }
+  }
+  EXPECT_LT(std::sqrt(near[1]), 0.7 * std::sqrt(near[0]));
+  EXPECT_LT(std::sqrt(far[1]), 1.05 * std::sqrt(far[0]));
 }
 
 TEST(VICSharp, SaysWhatItCannotUse) {
