@@ -108,7 +108,7 @@ def random_case(count, noise=0.0, seed=1, kmax=20, cells=None):
 
 
 H = 0.689e-3   # grid spacing of the analytic flows, m; that of the published experiment
-CELLS = 40     # of their box, per axis
+CELLS = 36     # of their box, per axis
 DIAMETER, SPEED, AMPLITUDE, VISCOSITY = 0.01111, 0.35, 0.1, 1.1e-6
 
 

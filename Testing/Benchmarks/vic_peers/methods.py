@@ -1,4 +1,6 @@
 """The methods that stand side by side. Each takes a Case and gives Result(velocity, acceleration, vorticity or None) on the case's window."""
+import functools
+import multiprocessing
 import time
 from dataclasses import dataclass, field
 
@@ -13,6 +15,7 @@ from vtkmodules.vtkFiltersCore import vtkDelaunay3D, vtkProbeFilter
 from vtkmodules.vtkFiltersPoints import vtkGaussianKernel, vtkPointInterpolator, vtkShepardKernel
 
 WIDTHS = (0.4, 0.5, 0.6, 0.8)  # of the Gaussian windows: standard deviation in particle spacings
+SMOOTHINGS = (0.1, 1.0)  # of the radial basis functions
 
 
 @dataclass
@@ -126,10 +129,18 @@ def wall_points(body, spacing):
     return np.asarray(body["centre"]) + body["diameter"] / 2 * unit
 
 
-def rbf(case, neighbours=50):
+def rbf(case, smoothing=0.0):
+    """SciPy's local radial basis functions, cubic, 50 neighbours; the smoothing in r^3, the unit of the cubic kernel."""
     start = time.perf_counter()
-    out = RBFInterpolator(case.x, np.hstack([case.u, case.a]), neighbors=min(neighbours, len(case.x)), kernel="cubic")(_places(case))
-    return _split(out, case, time.perf_counter() - start)
+    interpolator = RBFInterpolator(case.x, np.hstack([case.u, case.a]), neighbors=min(50, len(case.x)), kernel="cubic", smoothing=smoothing * case.r**3)
+    out = interpolator(_places(case))
+    return _split(out, case, time.perf_counter() - start, f"smoothing {smoothing:g} r^3" if smoothing else "")
+
+
+def rbf_smoothed(case):
+    """The same with the smoothing whose velocity is truest, of those in SMOOTHINGS."""
+    with multiprocessing.get_context("fork").Pool(2) as pool:
+        return _truest(case, pool.map(functools.partial(rbf, case), SMOOTHINGS))
 
 
 def gaussian(case):

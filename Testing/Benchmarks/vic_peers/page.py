@@ -7,13 +7,14 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.ticker import LogLocator
 
 FLOWS = {"random": "random solenoidal", "abc": "ABC", "taylor-green": "Taylor-Green", "stokes": "Stokes sphere", "cfd": "CFD sphere, Re = 100"}
 QUANTITIES = ("velocity", "vorticity", "acceleration")
 OURS = "#0072b2"
 # Okabe and Ito's colours, which stay apart for the colour-blind; each method has its own marker besides.
 LOOK = {"VIC#": (OURS, "o", "-"), "VIC#, no accelerations": (OURS, "s", "--"), "VIC#, no Body": (OURS, "x", ":"),
-        "RBF cubic, 50 neighbours (SciPy)": ("#009e73", "^", "-"), "Delaunay linear (SciPy)": ("#d55e00", "v", "-"),
+        "RBF cubic, 50 neighbours (SciPy)": ("#009e73", "^", "-"), "RBF, smoothed (SciPy)": ("#56b4e9", ">", "-"), "Delaunay linear (SciPy)": ("#d55e00", "v", "-"),
         "Delaunay linear with wall points": ("#d55e00", "P", ":"), "Gaussian weighting": ("#cc79a7", "D", "-"), "Shepard (VTK)": ("#e69f00", "<", "-")}
 
 
@@ -46,8 +47,8 @@ def peers_table(rows):
     lines = []
     for method in unique(rows, "method"):
         clean, noisy = (numbers(rows, method=method, noise=n) for n in (0.0, 0.05))
-        settings = unique(clean + noisy, "setting")
-        name = method + (f" ({settings[0]})" if settings[0] and "iterations" not in settings[0] else "")
+        settings = [s for s in unique(clean + noisy, "setting") if s and "iterations" not in s]
+        name = method + (f" ({' or '.join(settings)})" if settings else "")
         lines.append([name, errors_text(clean), errors_text(noisy), ratio_text(mean(noisy, "divergence")), f"{mean(clean + noisy, 'seconds'):.1f} s"])
     return markdown(["method", "clean", "5 % noise", "divergence (noisy)", "time"], lines)
 
@@ -65,7 +66,7 @@ def flows_table(rows):
 
 
 def wall_table(rows):
-    methods = ("VIC#", "VIC#, no Body", "Delaunay linear (SciPy)", "Delaunay linear with wall points", "RBF cubic, 50 neighbours (SciPy)")
+    methods = ("VIC#", "VIC#, no Body", "Delaunay linear (SciPy)", "Delaunay linear with wall points", "RBF cubic, 50 neighbours (SciPy)", "RBF, smoothed (SciPy)")
     lines = []
     for flow in ("stokes", "cfd"):
         tight = [r for r in rows if r["flow"] == flow and r["study"] == "spacing"]
@@ -99,6 +100,7 @@ def panels(rows, flows, methods, across, label, regions, title):
                 handles[method], = ax.plot([across(r) for r in found], [float(r[f"{quantity}_error"]) for r in found], line, color=colour, marker=marker,
                                            lw=2 if ours else 1.2, ms=5, zorder=3 if ours else 2, label=method)
             ax.set_yscale("log")
+            ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
             ax.yaxis.set_major_formatter(plt.FuncFormatter(lambda v, _: f"{v:g}"))
             ax.yaxis.set_minor_formatter(plt.NullFormatter())
             ax.grid(alpha=0.3, which="both")
@@ -108,7 +110,7 @@ def panels(rows, flows, methods, across, label, regions, title):
         axes[2, column].set_xlabel(label)
     figure.suptitle(title, fontsize=11)
     figure.legend(handles.values(), handles.keys(), loc="lower center", ncols=3, fontsize=9)
-    figure.tight_layout(rect=(0, 0.11, 1, 1))  # the legend stands below
+    figure.tight_layout(rect=(0, 0.07, 1, 1))  # the legend stands below
     return figure
 
 
@@ -129,7 +131,8 @@ def plots(rows):
                                     ("far", "all"), "Error against particle spacing; 2 % noise on velocity, 8 % on acceleration (CFD: its own)")
         spheres = [f for f in ("stokes", "cfd") if numbers(by_spacing, flow=f)]
         if spheres:
-            near = ["VIC#", "VIC#, no accelerations", "VIC#, no Body", "RBF cubic, 50 neighbours (SciPy)", "Delaunay linear (SciPy)", "Delaunay linear with wall points"]
+            near = ["VIC#", "VIC#, no accelerations", "VIC#, no Body", "RBF cubic, 50 neighbours (SciPy)", "RBF, smoothed (SciPy)", "Delaunay linear (SciPy)",
+                    "Delaunay linear with wall points"]
             yield "wall.png", panels(by_spacing, spheres, near, spacing_of, "particle spacing / grid spacing [-]", ("near",), "Within 1.5 h of the wall")
     if by_noise:
         yield "noise.png", panels(by_noise, [f for f in FLOWS if numbers(by_noise, flow=f)], away, noise_of, "noise [% of rms velocity]",
