@@ -2,6 +2,7 @@
 import functools
 import multiprocessing
 import time
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -139,8 +140,8 @@ def rbf(case, smoothing=0.0):
 
 def rbf_smoothed(case):
     """The same with the smoothing whose velocity is truest, of those in SMOOTHINGS."""
-    with multiprocessing.get_context("fork").Pool(2) as pool:
-        return _truest(case, pool.map(functools.partial(rbf, case), SMOOTHINGS))
+    with ProcessPoolExecutor(2, multiprocessing.get_context("fork")) as pool:
+        return _truest(case, list(pool.map(functools.partial(rbf, case), SMOOTHINGS)))
 
 
 def gaussian(case):

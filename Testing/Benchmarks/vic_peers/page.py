@@ -53,6 +53,12 @@ def peers_table(rows):
     return markdown(["method", "clean", "5 % noise", "divergence (noisy)", "time"], lines)
 
 
+def against_best(found, methods):
+    """VIC#'s error over that of the best other method, quantity by quantity."""
+    others = [m for m in methods if not m.startswith("VIC#")]
+    return " / ".join(f"{mean(numbers(found, method='VIC#'), q + '_error') / min(mean(numbers(found, method=m), q + '_error') for m in others):.2f}" for q in QUANTITIES)
+
+
 def flows_table(rows):
     """All flows at the usual spacing and noise."""
     methods = [m for m in LOOK if m not in ("VIC#, no Body", "Delaunay linear with wall points")]
@@ -61,8 +67,9 @@ def flows_table(rows):
         found = [r for r in rows if r["study"] in ("spacing", "noise") and r["flow"] == flow and r["region"] in ("all", "far")
                  and float(r["particle_spacing_h"]) == 3 and (flow == "cfd" or float(r["noise"]) == 0.02)]
         if found:
-            lines.append([title + (", far" if found[0]["region"] == "far" else "")] + [errors_text(numbers(found, method=m)) for m in methods])
-    return markdown(["flow"] + methods, lines)
+            lines.append([title + (", far" if found[0]["region"] == "far" else "")] + [errors_text(numbers(found, method=m)) for m in methods]
+                         + [against_best(found, methods)])
+    return markdown(["flow"] + methods + ["VIC# over the best other"], lines)
 
 
 def wall_table(rows):
@@ -74,8 +81,9 @@ def wall_table(rows):
             for region in ("near", "far"):
                 found = numbers(tight, region=region, particle_spacing_h=ratio)
                 if found:
-                    lines.append([FLOWS[flow], f"{ratio:.3g} h", region] + [errors_text(numbers(found, method=m)) for m in methods])
-    return markdown(["flow", "particle spacing", "nodes"] + list(methods), lines)
+                    lines.append([FLOWS[flow], f"{ratio:.3g} h", region] + [errors_text(numbers(found, method=m)) for m in methods]
+                                 + [against_best(found, methods)])
+    return markdown(["flow", "particle spacing", "nodes"] + list(methods) + ["VIC# over the best other"], lines)
 
 
 def tables(rows):
