@@ -148,14 +148,16 @@ def plots(rows):
 
 
 def write(folder, rows):
-    """Plots and tables.md into `folder`; returns the tables."""
+    """The plots into `folder`; returns the tables."""
     for name, figure in plots(rows):
-        figure.savefig(os.path.join(folder, name), dpi=110)
+        figure.savefig(os.path.join(folder, name), dpi=90)
         plt.close(figure)
     found = tables(rows)
-    with open(os.path.join(folder, "tables.md"), "w") as f:
-        f.write("\n\n".join(f"<!-- table:{name} -->\n{text}\n<!-- /table:{name} -->" for name, text in found.items()) + "\n")
     return found
+
+
+def between_marks(found):
+    return "\n\n".join(f"<!-- table:{name} -->\n{text}\n<!-- /table:{name} -->" for name, text in found.items()) + "\n"
 
 
 def fill(path, found):

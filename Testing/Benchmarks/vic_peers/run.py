@@ -1,7 +1,7 @@
 """VIC# beside its peers, on the same tracks in the same run. Start it by `./rimflow bench vic`; --help lists the options.
 
-Writes results.csv (one line per method, case and region), the tables as tables.md and the plots into --out; with --page it also brings
-Documentation/validation-vic.md up to date.
+Writes results.csv (one line per method, case and region), the plots and the tables (tables.md) into --out; with --page the tables go into
+Documentation/validation-vic.md, and plots and CSV beside its images.
 """
 import argparse
 import csv
@@ -149,6 +149,9 @@ def main(argv=None):
     tables = page.write(out, rows)
     if arguments.page:
         page.fill(os.path.join(SOURCE, "Documentation", "validation-vic.md"), tables)
+    else:
+        with open(os.path.join(out, "tables.md"), "w", encoding="utf-8") as f:
+            f.write(page.between_marks(tables))
     print(tables["peers"] if "peers" in tables else "", f"\nresults: {out}")
 
 
