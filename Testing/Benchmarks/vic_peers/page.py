@@ -9,11 +9,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.ticker import LogLocator
 
-FLOWS = {"random": "random solenoidal", "abc": "ABC", "taylor-green": "Taylor-Green", "stokes": "Stokes sphere", "cfd": "CFD sphere, Re = 100"}
+FLOWS = {"random": "random solenoidal", "abc": "ABC", "taylor-green": "Taylor-Green", "stokes": "Stokes sphere", "cfd": "CFD sphere"}
 QUANTITIES = ("velocity", "vorticity", "acceleration")
 OURS = "#0072b2"
 # Okabe and Ito's colours, which stay apart for the colour-blind; each method has its own marker besides.
-LOOK = {"VIC#": (OURS, "o", "-"), "VIC#, no accelerations": (OURS, "s", "--"), "VIC#, no Body": (OURS, "x", ":"),
+LOOK = {"VIC#": (OURS, "o", "-"), "VIC#, no accelerations": (OURS, "s", "--"), "VIC#, no Body": ("black", "x", ":"),
         "RBF cubic, 50 neighbours (SciPy)": ("#009e73", "^", "-"), "RBF, smoothed (SciPy)": ("#56b4e9", ">", "-"), "Delaunay linear (SciPy)": ("#d55e00", "v", "-"),
         "Delaunay linear with wall points": ("#d55e00", "P", ":"), "Gaussian weighting": ("#cc79a7", "D", "-"), "Shepard (VTK)": ("#e69f00", "<", "-")}
 
@@ -106,7 +106,7 @@ def panels(rows, flows, methods, across, label, regions, title):
                 colour, marker, line = LOOK[method]
                 ours = method.startswith("VIC#")
                 handles[method], = ax.plot([across(r) for r in found], [float(r[f"{quantity}_error"]) for r in found], line, color=colour, marker=marker,
-                                           lw=2 if ours else 1.2, ms=5, zorder=3 if ours else 2, label=method)
+                                           lw=2 if ours else 1.2, ms=5, zorder=4 if colour == "black" else 3 if ours else 2, label=method)
             ax.set_yscale("log")
             ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
             ax.yaxis.set_major_formatter(plt.FuncFormatter(lambda v, _: f"{v:g}"))
