@@ -13,18 +13,10 @@ find_package(Python3 REQUIRED COMPONENTS Interpreter Development.Module)
 set(rimflow_python_dir "${CMAKE_INSTALL_LIBDIR}/python${Python3_VERSION_MAJOR}.${Python3_VERSION_MINOR}/site-packages")
 string(REGEX REPLACE "^.*lib" "lib" rimflow_python_build_dir "lib/python${Python3_VERSION_MAJOR}.${Python3_VERSION_MINOR}/site-packages")
 
-# Until the readers land: the module exists as soon as it has a class.
-file(GLOB rimflow_reader_classes "${CMAKE_SOURCE_DIR}/Readers/vtk*.h")
-set(rimflow_module_names RIMFlow::RIMFlowFilters)
-set(rimflow_module_dirs "${CMAKE_SOURCE_DIR}/Filters")
-if(rimflow_reader_classes)
-  list(APPEND rimflow_module_names RIMFlow::RIMFlowReaders)
-  list(APPEND rimflow_module_dirs "${CMAKE_SOURCE_DIR}/Readers")
-endif()
-vtk_module_find_modules(rimflow_module_files ${rimflow_module_dirs})
+vtk_module_find_modules(rimflow_module_files "${CMAKE_SOURCE_DIR}/Readers" "${CMAKE_SOURCE_DIR}/Filters")
 vtk_module_scan(
   MODULE_FILES ${rimflow_module_files}
-  REQUEST_MODULES ${rimflow_module_names}
+  REQUEST_MODULES RIMFlow::RIMFlowReaders RIMFlow::RIMFlowFilters
   PROVIDES_MODULES rimflow_modules
   WANT_BY_DEFAULT ON)
 vtk_module_build(

@@ -24,6 +24,21 @@ AxisBasis dirichletBasis(int n, double spacing) {
   return basis;
 }
 
+AxisBasis neumannBasis(int n, double spacing) {
+  AxisBasis basis;
+  basis.vectors.resize(n, n);
+  basis.values.resize(n);
+  const double angle = M_PI / n;
+  for (int k = 0; k < n; ++k) {
+    const double half = std::sin(0.5 * angle * k);
+    basis.values[k] = -4 * half * half / (spacing * spacing);
+    const double norm = std::sqrt((k == 0 ? 1. : 2.) / n);
+    for (int i = 0; i < n; ++i)
+      basis.vectors(i, k) = norm * std::cos(0.5 * angle * (long(2 * i + 1) * k % (4 * n)));
+  }
+  return basis;
+}
+
 template <class Real>
 BoxPoisson<Real>::BoxPoisson(const Grid& grid)
     : BoxPoisson(grid,
@@ -39,6 +54,17 @@ BoxPoisson<Real>::BoxPoisson(const Grid& grid, const std::array<AxisBasis, 3>& b
     first_[a] = bases[a].first;
     n_[a] = int(bases[a].values.size());
   }
+}
+
+template <class Real>
+BoxPoisson<Real>::BoxPoisson(const Grid& grid, const std::array<AxisBasis, 3>& bases,
+                             const std::function<double(double)>& response)
+    : BoxPoisson(grid, bases) {
+  response_.reserve(std::size_t(n_[0]) * n_[1] * n_[2]);
+  for (int j = 0; j < n_[1]; ++j)
+    for (int k = 0; k < n_[2]; ++k)
+      for (int i = 0; i < n_[0]; ++i)
+        response_.push_back(Real(response(bases[0].values[i] + bases[1].values[j] + bases[2].values[k])));
 }
 
 template <class Real>
@@ -64,6 +90,11 @@ void BoxPoisson<Real>::solve(Real* const* fields, int count) const {
         Slab slab(fields[f] + grid_.index(first_[0], first_[1] + j, first_[2]), n_[0], n_[2], layerStride);
         b.noalias() = slab * vectors_[2];
         for (int k = 0; k < n_[2]; ++k) {
+          if (!response_.empty()) {
+            const Real* r = response_.data() + std::size_t(n_[0]) * (std::size_t(j) * n_[2] + k);
+            b.col(k).array() *= Eigen::Map<const Eigen::Array<Real, Eigen::Dynamic, 1>>(r, n_[0]);
+            continue;
+          }
           inverse = values_[0] + (values_[1][j] + values_[2][k]);
           b.col(k).array() *= (inverse == 0).select(Real(0), inverse.inverse());
         }

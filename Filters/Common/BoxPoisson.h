@@ -3,6 +3,8 @@
 
 #include <Eigen/Core>
 #include <array>
+#include <functional>
+#include <vector>
 
 namespace rimflow {
 
@@ -18,6 +20,10 @@ struct AxisBasis {
 /// zero end values: sines, eigenvalues (2 cos(pi k/(n-1)) - 2)/h^2.
 AxisBasis dirichletBasis(int n, double spacing);
 
+/// The second difference on all n nodes with zero slope half a spacing beyond the ends: cosines (DCT-II),
+/// eigenvalues (2 cos(pi k/n) - 2)/h^2.
+AxisBasis neumannBasis(int n, double spacing);
+
 /// Solves L f = g on a box of nodes by fast diagonalisation (Lynch, Rice & Thomas 1964): with L the sum of
 /// three 1-D operators with eigenvectors X, Y, Z, f = X Y Z (1/(lx + ly + lz)) X^T Y^T Z^T g. The transforms
 /// are dense matrix products: exact for every size, and faster than an FFT for the sizes of one experiment.
@@ -29,6 +35,9 @@ public:
   /// 7-point Laplacian with f given on all faces.
   explicit BoxPoisson(const Grid& grid);
   BoxPoisson(const Grid& grid, const std::array<AxisBasis, 3>& bases);
+  /// f = response(L) g instead of 1/L g.
+  BoxPoisson(const Grid& grid, const std::array<AxisBasis, 3>& bases,
+             const std::function<double(double eigenvalue)>& response);
 
   /// In: the right-hand side on the nodes that the bases act on. Out: the solution there. Other nodes (with
   /// Dirichlet conditions: the faces) are left alone and count as zero. count fields at once.
@@ -41,6 +50,7 @@ private:
   std::array<Matrix, 3> vectors_, transposed_;
   std::array<Eigen::Array<Real, Eigen::Dynamic, 1>, 3> values_;
   std::array<int, 3> first_, n_;
+  std::vector<Real> response_;
 };
 
 extern template class BoxPoisson<float>;

@@ -8,34 +8,50 @@
 namespace rimflow {
 namespace {
 
-/// The cell of coordinate x along one axis and the place in it; a point on the last node belongs to the last
-/// cell.
-struct Cell {
-  int index;
-  double t;
-  Cell(const Grid& grid, int axis, double x) {
+/// Where a coordinate lies along one axis, and the nodes and weights that interpolate there.
+struct Place {
+  int first = 0; ///< lowest node used
+  double weight[4] = {1, 0, 0, 0};
+  double beyond; ///< how far outside of the grid, in cells; <= 0 inside
+
+  Place(const Grid& grid, int axis, double x, int points) {
+    const int n = grid.n[axis];
     const double s = (x - grid.origin[axis]) / grid.spacing[axis];
-    index = std::clamp(int(std::floor(s)), 0, std::max(0, grid.n[axis] - 2));
-    t = s - index;
+    beyond = std::max(-s, s - (n - 1));
+    if (n == 1) return;
+    const int cell = std::clamp(int(std::floor(s)), 0, n - 2); // a point on the last node: the last cell
+    if (points == 2) {
+      first = cell;
+      weight[0] = 1 - (s - cell), weight[1] = s - cell;
+      return;
+    }
+    first = std::clamp(cell - 1, 0, n - 4);
+    const double t = s - first; // Lagrange's weights at 0, 1, 2, 3
+    weight[0] = -(t - 1) * (t - 2) * (t - 3) / 6, weight[1] = t * (t - 2) * (t - 3) / 2;
+    weight[2] = -t * (t - 1) * (t - 3) / 2, weight[3] = t * (t - 1) * (t - 2) / 6;
   }
 };
+
+int pointsAlong(const Grid& grid, int axis, int wanted) {
+  return grid.n[axis] < 2 ? 1 : wanted == 4 && grid.n[axis] >= 4 ? 4 : 2;
+}
 
 } // namespace
 
 template <class Real>
-TrilinearSampler<Real>::TrilinearSampler(const Grid& grid, const double* positions, std::size_t count)
-    : grid_(grid), point_(count), layerStart_(std::size_t(std::max(1, grid.n[2])), 0) {
-  constexpr double Tolerance = 1e-6; // of a cell: rounding of positions on a face
+Sampler<Real>::Sampler(const Grid& grid, const double* positions, std::size_t count, int points)
+    : grid_(grid), point_(count), layerStart_(std::size_t(grid.n[2]) + 1, 0) {
+  constexpr double Tolerance = 1e-6; // cells: rounding of positions on a face
+  for (int a = 0; a < 3; ++a) points_[a] = pointsAlong(grid, a, points);
   for (std::size_t p = 0; p < count; ++p) {
-    int cell[3];
+    int first[3];
     for (int a = 0; a < 3; ++a) {
-      const Cell c(grid, a, positions[3 * p + a]);
-      if (!(c.t >= -Tolerance && c.t <= 1 + Tolerance))
-        throw std::invalid_argument("A particle lies outside of the grid.");
-      cell[a] = c.index;
-      point_[p].t[a] = Real(c.t);
+      const Place place(grid, a, positions[3 * p + a], points_[a]);
+      if (!(place.beyond <= Tolerance)) throw std::invalid_argument("A particle lies outside of the grid.");
+      first[a] = place.first;
+      for (int t = 0; t < 4; ++t) point_[p].weight[a][t] = Real(place.weight[t]);
     }
-    point_[p].node = grid.index(cell[0], cell[1], cell[2]);
+    point_[p].node = grid.index(first[0], first[1], first[2]);
     point_[p].given = std::uint32_t(p);
   }
   std::stable_sort(point_.begin(), point_.end(),
@@ -49,75 +65,48 @@ TrilinearSampler<Real>::TrilinearSampler(const Grid& grid, const double* positio
 }
 
 template <class Real>
-void TrilinearSampler<Real>::sample(const Real* field, Real* values) const {
+void Sampler<Real>::sample(const Real* field, Real* values) const {
   const std::ptrdiff_t sy = grid_.n[0], sz = std::ptrdiff_t(grid_.n[0]) * grid_.n[1];
+  const int nx = points_[0], ny = points_[1], nz = points_[2];
 #pragma omp parallel for schedule(static)
   for (std::size_t p = 0; p < point_.size(); ++p) {
     const Point& q = point_[p];
-    const Real* f = field + q.node;
-    const Real x = q.t[0], y = q.t[1], z = q.t[2];
-    const auto alongX = [&](std::ptrdiff_t at) { return f[at] + x * (f[at + 1] - f[at]); };
-    const auto alongY = [&](std::ptrdiff_t at) {
-      const Real a = alongX(at);
-      return a + y * (alongX(at + sy) - a);
-    };
-    const Real a = alongY(0);
-    values[q.given] = a + z * (alongY(sz) - a);
+    Real sum = 0;
+    for (int k = 0; k < nz; ++k)
+      for (int j = 0; j < ny; ++j) {
+        const Real* f = field + q.node + j * sy + k * sz;
+        Real row = 0;
+        for (int i = 0; i < nx; ++i) row += q.weight[0][i] * f[i];
+        sum += q.weight[1][j] * q.weight[2][k] * row;
+      }
+    values[q.given] = sum;
   }
 }
 
 template <class Real>
-void TrilinearSampler<Real>::addTransposed(const Real* values, Real* field) const {
+void Sampler<Real>::addTransposed(const Real* values, Real* field) const {
   const std::ptrdiff_t sy = grid_.n[0], sz = std::ptrdiff_t(grid_.n[0]) * grid_.n[1];
-  const int layers = int(layerStart_.size()) - 1;
-  // A layer of cells writes to its two layers of nodes: the even layers of cells first, then the odd ones, so
+  const int nx = points_[0], ny = points_[1], nz = points_[2], layers = grid_.n[2];
+  // Points whose lowest node is in layer k write to the layers k to k + nz - 1. Every nz-th layer at once, so
   // that no two threads meet and every node sums in the same order.
-  for (int parity = 0; parity < 2; ++parity) {
+  for (int phase = 0; phase < nz; ++phase) {
 #pragma omp parallel for schedule(static)
-    for (int k = parity; k < layers; k += 2)
-      for (std::size_t p = layerStart_[k]; p < layerStart_[k + 1]; ++p) {
+    for (int layer = phase; layer < layers; layer += nz)
+      for (std::size_t p = layerStart_[layer]; p < layerStart_[layer + 1]; ++p) {
         const Point& q = point_[p];
-        Real* f = field + q.node;
-        const Real v = values[q.given], x = q.t[0], y = q.t[1], z = q.t[2];
-        const auto alongX = [&](std::ptrdiff_t at, Real w) {
-          f[at] += w * (1 - x);
-          f[at + 1] += w * x;
-        };
-        alongX(0, v * (1 - y) * (1 - z));
-        alongX(sy, v * y * (1 - z));
-        alongX(sz, v * (1 - y) * z);
-        alongX(sy + sz, v * y * z);
+        for (int k = 0; k < nz; ++k)
+          for (int j = 0; j < ny; ++j) {
+            Real* f = field + q.node + j * sy + k * sz;
+            const Real w = values[q.given] * q.weight[1][j] * q.weight[2][k];
+            for (int i = 0; i < nx; ++i) f[i] += w * q.weight[0][i];
+          }
       }
   }
 }
 
 template <class Real>
-double interpolate(const Grid& grid, const Real* field, const std::array<double, 3>& x, int components,
-                   int component) {
-  int cell[3];
-  double t[3];
-  for (int a = 0; a < 3; ++a) {
-    const Cell c(grid, a, x[a]);
-    cell[a] = c.index;
-    t[a] = std::clamp(c.t, 0., 1.);
-  }
-  double sum = 0;
-  for (int corner = 0; corner < 8; ++corner) {
-    double w = 1;
-    int at[3];
-    for (int a = 0; a < 3; ++a) {
-      const int up = corner >> a & 1;
-      w *= up ? t[a] : 1 - t[a];
-      at[a] = std::min(cell[a] + up, grid.n[a] - 1);
-    }
-    if (w > 0) sum += w * double(field[components * grid.index(at[0], at[1], at[2]) + component]);
-  }
-  return sum;
-}
-
-template <class Real>
 std::vector<Real> resample(const Grid& from, const Real* field, const Grid& to) {
-  // Separable: one axis after the other, each with its own cells.
+  // One axis after the other, each with its own weights.
   std::vector<Real> current(field, field + from.size());
   Grid grid = from;
   for (int axis = 0; axis < 3; ++axis) {
@@ -125,25 +114,25 @@ std::vector<Real> resample(const Grid& from, const Real* field, const Grid& to) 
     next.n[axis] = to.n[axis];
     next.origin[axis] = to.origin[axis];
     next.spacing[axis] = to.spacing[axis];
-    std::vector<Cell> cells;
-    for (int i = 0; i < next.n[axis]; ++i) {
-      cells.emplace_back(grid, axis, next.origin[axis] + i * next.spacing[axis]);
-      cells.back().t = std::clamp(cells.back().t, 0., 1.);
-    }
-    const std::ptrdiff_t stride = axis == 0   ? 1
-                                  : axis == 1 ? grid.n[0]
-                                              : std::ptrdiff_t(grid.n[0]) * grid.n[1];
-    const std::ptrdiff_t up = grid.n[axis] > 1 ? stride : 0;
+    const int points = pointsAlong(grid, axis, 4);
+    const double low = grid.origin[axis], high = low + (grid.n[axis] - 1) * grid.spacing[axis];
+    std::vector<Place> places;
+    for (int i = 0; i < next.n[axis]; ++i)
+      places.emplace_back(grid, axis, std::clamp(next.origin[axis] + i * next.spacing[axis], low, high),
+                          points);
+    const std::size_t stride = axis == 0 ? 1 : axis == 1 ? grid.n[0] : std::size_t(grid.n[0]) * grid.n[1];
     std::vector<Real> out(next.size());
 #pragma omp parallel for schedule(static)
     for (int k = 0; k < next.n[2]; ++k)
       for (int j = 0; j < next.n[1]; ++j)
         for (int i = 0; i < next.n[0]; ++i) {
           int at[3] = {i, j, k};
-          const Cell& c = cells[at[axis]];
-          at[axis] = c.index;
+          const Place& place = places[at[axis]];
+          at[axis] = place.first;
           const Real* f = current.data() + grid.index(at[0], at[1], at[2]);
-          out[next.index(i, j, k)] = Real(f[0] + c.t * (f[up] - f[0]));
+          double sum = 0;
+          for (int t = 0; t < points; ++t) sum += place.weight[t] * double(f[t * stride]);
+          out[next.index(i, j, k)] = Real(sum);
         }
     current.swap(out);
     grid = next;
@@ -151,10 +140,8 @@ std::vector<Real> resample(const Grid& from, const Real* field, const Grid& to) 
   return current;
 }
 
-template class TrilinearSampler<float>;
-template class TrilinearSampler<double>;
-template double interpolate<float>(const Grid&, const float*, const std::array<double, 3>&, int, int);
-template double interpolate<double>(const Grid&, const double*, const std::array<double, 3>&, int, int);
+template class Sampler<float>;
+template class Sampler<double>;
 template std::vector<float> resample<float>(const Grid&, const float*, const Grid&);
 template std::vector<double> resample<double>(const Grid&, const double*, const Grid&);
 

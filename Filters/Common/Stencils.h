@@ -11,8 +11,8 @@ namespace rimflow {
 template <class Real>
 struct Taps {
   int count = 0;
-  std::array<int, 5> index{};
-  std::array<Real, 5> weight{};
+  std::array<int, 8> index{};
+  std::array<Real, 8> weight{};
 
   void add(int i, Real w) {
     for (int t = 0; t < count; ++t)
@@ -28,24 +28,20 @@ struct Taps {
 /// Finite differences on a regular grid, one row of nodes along x at a time, so that formulas of several
 /// derivatives can be written in one pass with every intermediate in the first-level cache. Each operator has
 /// its exact transpose beside it. Fields are one number per node, x fastest; rows out have grid.n[0] numbers.
-///   D_j  central difference, second-order one-sided on the two faces of its axis
+///   D_j  central difference of order 2 or 4; on the two faces of its axis second-order one-sided, and next
+///   to
+///        them of order 2 (one-sided differences of order 4 made the reconstruction three times worse there)
 ///   L    7-point Laplacian, 0 on the boundary nodes
-///   B    [1 4 1]/6 along each axis: node values of a cubic B-spline expansion, coefficients outside are 0
 template <class Real>
 class Stencils {
 public:
-  explicit Stencils(const Grid& grid) : grid_(grid) {
+  /// order: 2 or 4, of D; an axis with fewer than 5 nodes has order 2.
+  explicit Stencils(const Grid& grid, int order = 2) : grid_(grid) {
     for (int axis = 0; axis < 3; ++axis) {
       const int n = grid.n[axis];
-      const Real c = Real(0.5 / grid.spacing[axis]);
       auto& d = difference_[axis];
       d.resize(n);
-      for (int i = 1; i + 1 < n; ++i) {
-        d[i].add(i + 1, c);
-        d[i].add(i - 1, -c);
-      }
-      d[0].add(0, -3 * c), d[0].add(1, 4 * c), d[0].add(2, -c);
-      d[n - 1].add(n - 1, 3 * c), d[n - 1].add(n - 2, -4 * c), d[n - 1].add(n - 3, c);
+      for (int i = 0; i < n; ++i) d[i] = firstDerivative(i, n, n < 5 ? 2 : order, grid.spacing[axis]);
       transposed_[axis].resize(n);
       for (int i = 0; i < n; ++i)
         for (int t = 0; t < d[i].count; ++t) transposed_[axis][d[i].index[t]].add(i, d[i].weight[t]);
@@ -107,25 +103,21 @@ public:
     for (int i = 1; i < n - 1; ++i) out[i + 1] += cx * r[i];
   }
 
-  /// out = scale B f; scratch holds one row. B is its own transpose.
-  void smooth(const Real* f, int j, int k, Real scale, Real* scratch, Real* out) const {
-    const int n = grid_.n[0];
-    for (int i = 0; i < n; ++i) scratch[i] = 0;
-    for (int kk = k - 1; kk <= k + 1; ++kk)
-      for (int jj = j - 1; jj <= j + 1; ++jj) {
-        if (jj < 0 || jj >= grid_.n[1] || kk < 0 || kk >= grid_.n[2]) continue;
-        const Real c = scale * (jj == j ? 4 : 1) * (kk == k ? 4 : 1) / Real(216);
-        const Real* r = f + grid_.index(0, jj, kk);
-#pragma omp simd
-        for (int i = 0; i < n; ++i) scratch[i] += c * r[i];
-      }
-#pragma omp simd
-    for (int i = 1; i < n - 1; ++i) out[i] = 4 * scratch[i] + scratch[i - 1] + scratch[i + 1];
-    out[0] = 4 * scratch[0] + scratch[1];
-    out[n - 1] = 4 * scratch[n - 1] + scratch[n - 2];
+private:
+  static Taps<Real> firstDerivative(int i, int n, int order, double spacing) {
+    using Weights = std::vector<double>;
+    const auto taps = [&](int first, int direction, const Weights& weights, double divisor) {
+      Taps<Real> out;
+      for (std::size_t t = 0; t < weights.size(); ++t)
+        if (weights[t] != 0) out.add(first + direction * int(t), Real(weights[t] / (divisor * spacing)));
+      return out;
+    };
+    if (i == 0) return taps(0, 1, {-3, 4, -1}, 2);
+    if (i == n - 1) return taps(n - 1, -1, {3, -4, 1}, 2);
+    if (order == 2 || i == 1 || i == n - 2) return taps(i - 1, 1, {-1, 0, 1}, 2);
+    return taps(i - 2, 1, {1, -8, 0, 8, -1}, 12);
   }
 
-private:
   template <bool Accumulate>
   void apply(const std::vector<Taps<Real>>& op, const Real* f, int axis, int j, int k, Real scale,
              Real* out) const {
@@ -144,6 +136,15 @@ private:
       const Real wa = scale * taps.weight[0], wb = scale * taps.weight[1];
 #pragma omp simd
       for (int i = 0; i < n; ++i) out[i] = (Accumulate ? out[i] : Real(0)) + wa * a[i] + wb * b[i];
+      return;
+    }
+    if (taps.count == 4) {
+      const Real *a = row(0), *b = row(1), *c = row(2), *d = row(3);
+      const Real wa = scale * taps.weight[0], wb = scale * taps.weight[1], wc = scale * taps.weight[2],
+                 wd = scale * taps.weight[3];
+#pragma omp simd
+      for (int i = 0; i < n; ++i)
+        out[i] = (Accumulate ? out[i] : Real(0)) + wa * a[i] + wb * b[i] + wc * c[i] + wd * d[i];
       return;
     }
     if (!Accumulate)
@@ -165,16 +166,26 @@ public:
       for (int t = 0; t < op[i].count; ++t) sum += op[i].weight[t] * r[op[i].index[t]];
       out[i] = (Accumulate ? out[i] : Real(0)) + scale * sum;
     };
-    constexpr int End = 3; // nodes per end whose taps differ from the interior's
+    constexpr int End = 6; // nodes per end whose taps may differ from the interior's
     if (n <= 2 * End) {
       for (int i = 0; i < n; ++i) byTaps(i);
       return;
     }
     for (int i = 0; i < End; ++i) byTaps(i), byTaps(n - 1 - i);
-    const Real w0 = scale * op[End].weight[0], w1 = scale * op[End].weight[1];
-    const Real *a = r + (op[End].index[0] - End), *b = r + (op[End].index[1] - End);
+    const Taps<Real>& inner = op[End];
+    Real w[4] = {};
+    const Real* a[4] = {r, r, r, r};
+    for (int t = 0; t < inner.count; ++t) w[t] = scale * inner.weight[t], a[t] = r + (inner.index[t] - End);
+    if (inner.count == 2) {
 #pragma omp simd
-    for (int i = End; i < n - End; ++i) out[i] = (Accumulate ? out[i] : Real(0)) + w0 * a[i] + w1 * b[i];
+      for (int i = End; i < n - End; ++i)
+        out[i] = (Accumulate ? out[i] : Real(0)) + w[0] * a[0][i] + w[1] * a[1][i];
+      return;
+    }
+#pragma omp simd
+    for (int i = End; i < n - End; ++i)
+      out[i] =
+          (Accumulate ? out[i] : Real(0)) + w[0] * a[0][i] + w[1] * a[1][i] + w[2] * a[2][i] + w[3] * a[3][i];
   }
 
 private:

@@ -1,6 +1,6 @@
 #include "PublishedCost.h"
 
-#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
@@ -20,7 +20,10 @@ using Function = std::function<double(const Vector3d&)>;
 double ballVolume(double radius) { return 4.0 / 3 * M_PI * radius * radius * radius; }
 
 /// How much of a node counts whose signed distance into a region is `depth` grid spacings: 0 to 1.
-double part(double depth) { return std::clamp(depth + 0.5, 0.0, 1.0); }
+inline float part(float depth) {
+  const float share = depth + 0.5f;
+  return share < 0 ? 0 : share > 1 ? 1 : share; // std::clamp is not vectorised
+}
 
 /// Calls use(node, offset from x) for every fluid node of the grid within `radius` of x.
 template <class Use>
@@ -195,34 +198,119 @@ Vector3d emptiestPlace(const ParticleIndex& particles, const Vector3d& guess, co
   });
 }
 
+/// publishedCriteria at many places: what it needs of the flow is laid out in rows once, which the processor
+/// then goes through several nodes at a time. Sums along a row are floats, sums of rows doubles.
+class CriteriaSums {
+public:
+  /// For candidates within `margin` of `middle` along each axis.
+  CriteriaSums(const FlowField& flow, const Vector3d& middle, double margin, const PublishedCostOptions& o)
+      : h_(meanSpacing(flow.grid)), reach_(0.5 * o.diameter * std::max({o.a, o.c, o.e}) + h_), options_(o) {
+    const Grid& g = flow.grid;
+    for (int a = 0; a < 3; ++a) {
+      const double far = margin + reach_;
+      const int low = std::max(0, int(std::ceil((middle[a] - far - g.origin[a]) / g.spacing[a])));
+      const int high = std::min(g.n[a] - 1, int(std::floor((middle[a] + far - g.origin[a]) / g.spacing[a])));
+      grid_.n[a] = std::max(0, high - low + 1);
+      grid_.origin[a] = g.origin[a] + low * g.spacing[a];
+      grid_.spacing[a] = g.spacing[a];
+      low_[a] = low;
+    }
+    rise_.resize(grid_.size()), q_.resize(grid_.size()), fluid_.resize(grid_.size());
+    for (int k = 0; k < grid_.n[2]; ++k)
+      for (int j = 0; j < grid_.n[1]; ++j)
+        for (int i = 0; i < grid_.n[0]; ++i) {
+          const std::size_t to = grid_.index(i, j, k), from = g.index(low_[0] + i, low_[1] + j, low_[2] + k);
+          if (flow.mask && flow.mask[from]) continue; // stays 0, and counts for 0
+          rise_[to] = float(speedOf(flow.velocity, from).dot(o.up));
+          q_[to] = flow.q[from];
+          fluid_[to] = 1;
+        }
+  }
+
+  /// The criteria of the flow at x; the density is left at 0.
+  Criteria at(const Vector3d& x) const {
+    Sum in, out, core, shell;
+    const Range rows = range(1, x[1], reach_), layers = range(2, x[2], reach_);
+    for (int k = layers.first; k <= layers.last; ++k)
+      for (int j = rows.first; j <= rows.last; ++j) addRow(x, j, k, in, out, core, shell);
+    const PublishedCostOptions& o = options_;
+    Criteria c;
+    c.velocityIn = in.mean() / o.velocityScale;
+    c.velocityOut = out.mean() / o.velocityScale;
+    c.vortexIn = o.a * o.a * o.a * core.mean() / o.vortexScale; // over the volume of radius R
+    c.vortexOut = shell.mean() / o.vortexScale;
+    return c;
+  }
+
+private:
+  struct Sum {
+    double value = 0, weight = 0;
+    double mean() const { return weight > 0 ? value / weight : 0; }
+  };
+  struct Range {
+    int first = 0, last = -1;
+  };
+
+  /// The nodes within `reach` of x along an axis.
+  Range range(int axis, double x, double reach) const {
+    const double from = x - grid_.origin[axis], h = grid_.spacing[axis];
+    return {std::max(0, int(std::ceil((from - reach) / h))),
+            std::min(grid_.n[axis] - 1, int(std::floor((from + reach) / h)))};
+  }
+
+  void addRow(const Vector3d& x, int j, int k, Sum& in, Sum& out, Sum& core, Sum& shell) const {
+    const PublishedCostOptions& o = options_;
+    const double y = grid_.origin[1] + j * grid_.spacing[1] - x[1],
+                 z = grid_.origin[2] + k * grid_.spacing[2] - x[2];
+    const double aside = y * y + z * z, left = reach_ * reach_ - aside;
+    if (left <= 0) return;
+    const Range nodes = range(0, x[0], std::sqrt(left));
+    const std::size_t first = grid_.index(0, j, k);
+    const float *rise = rise_.data() + first, *q = q_.data() + first, *fluid = fluid_.data() + first;
+    // lengths in units of the spacing
+    const float start = float((grid_.origin[0] - x[0]) / h_), step = float(grid_.spacing[0] / h_);
+    const float aside2 = float(aside / (h_ * h_)), radius = float(0.5 * o.diameter / h_);
+    const float a = float(o.a) * radius, b = float(o.b) * radius, c = float(o.c) * radius,
+                e = float(o.e) * radius;
+    const float up = float(o.up[0]), upAside = float((o.up[1] * y + o.up[2] * z) / h_);
+    float s0 = 0, s1 = 0, s2 = 0, s3 = 0, s4 = 0, s5 = 0, s6 = 0, s7 = 0;
+#pragma omp simd reduction(+ : s0, s1, s2, s3, s4, s5, s6, s7)
+    for (int i = nodes.first; i <= nodes.last; ++i) {
+      const float along = start + float(i) * step, distance = std::sqrt(along * along + aside2);
+      const float upper = fluid[i] * part(up * along + upAside);
+      const float ball = part(a - distance);
+      const float inner = upper * ball, outer = upper * (part(c - distance) - part(b - distance));
+      const float centre = fluid[i] * ball,
+                  around = fluid[i] * (part(e - distance) - part(radius - distance));
+      s0 += inner, s1 += inner * rise[i];
+      s2 += outer, s3 += outer * rise[i];
+      s4 += centre, s5 += centre * q[i];
+      s6 += around, s7 += around * q[i];
+    }
+    in.weight += double(s0), in.value += double(s1);
+    out.weight += double(s2), out.value += double(s3);
+    core.weight += double(s4), core.value += double(s5);
+    shell.weight += double(s6), shell.value += double(s7);
+  }
+
+  double h_, reach_;
+  PublishedCostOptions options_;
+  Grid grid_; // the part of the flow's grid that is needed
+  int low_[3];
+  std::vector<float> rise_, q_, fluid_; // u.up, Q, and 1 where a node counts
+};
+
+double densityCriterion(const ParticleIndex& particles, const Vector3d& x, const PublishedCostOptions& o) {
+  const double radius = 0.5 * o.diameter;
+  return double(particles.countWithin(x, radius)) / ballVolume(radius) / o.seedingDensity;
+}
+
 } // namespace
 
 Criteria publishedCriteria(const ParticleIndex& particles, const FlowField& flow, const Vector3d& x,
                            const PublishedCostOptions& o) {
-  const double radius = 0.5 * o.diameter, h = meanSpacing(flow.grid);
-  Criteria c;
-  c.density = double(particles.countWithin(x, radius)) / ballVolume(radius) / o.seedingDensity;
-
-  double inner = 0, innerWeight = 0, outer = 0, outerWeight = 0, core = 0, coreWeight = 0, shell = 0,
-         shellWeight = 0;
-  const double reach = radius * std::max({o.a, o.c, o.e}) + h;
-  forEachNode(flow, x, reach, [&](std::size_t node, const Vector3d& r) {
-    const double distance = r.norm();
-    const auto within = [&](double factor) { return part((factor * radius - distance) / h); };
-    const double upper = part(r.dot(o.up) / h), speed = speedOf(flow.velocity, node).dot(o.up),
-                 q = flow.q[node];
-    const double in = upper * within(o.a), out = upper * (within(o.c) - within(o.b));
-    const double ball = within(o.a), around = within(o.e) - within(1);
-    inner += in * speed, innerWeight += in;
-    outer += out * speed, outerWeight += out;
-    core += ball * q, coreWeight += ball;
-    shell += around * q, shellWeight += around;
-  });
-  const auto mean = [](double sum, double weight) { return weight > 0 ? sum / weight : 0; };
-  c.velocityIn = mean(inner, innerWeight) / o.velocityScale;
-  c.velocityOut = mean(outer, outerWeight) / o.velocityScale;
-  c.vortexIn = o.a * o.a * o.a * mean(core, coreWeight) / o.vortexScale; // over the volume of radius R
-  c.vortexOut = mean(shell, shellWeight) / o.vortexScale;
+  Criteria c = CriteriaSums(flow, x, 0, o).at(x);
+  c.density = densityCriterion(particles, x, o);
   return c;
 }
 
@@ -234,14 +322,18 @@ double publishedCost(const Criteria& c, const PublishedCostOptions& o) {
 PublishedEstimate minimisePublishedCost(const ParticleIndex& particles, const FlowField& flow,
                                         const Vector3d& guess, const PublishedCostOptions& given) {
   const PublishedCostOptions o = complete(particles, flow, guess, given);
+  const CriteriaSums sums(flow, guess, 0.5 * o.searchSide + 2 * o.step, o);
   const auto inside = [&](const Vector3d& x) {
     return (x - guess).cwiseAbs().maxCoeff() <= 0.5 * o.searchSide;
   };
   const auto costWith = [&](double void_, double velocity, double vortex) {
     PublishedCostOptions alone = o;
     alone.weightVoid = void_, alone.weightVelocity = velocity, alone.weightVortex = vortex;
-    return [&particles, &flow, alone](const Vector3d& x) {
-      return publishedCost(publishedCriteria(particles, flow, x, alone), alone);
+    return [&particles, &sums, alone](const Vector3d& x) {
+      Criteria c; // only what counts
+      if (alone.weightVelocity != 0 || alone.weightVortex != 0) c = sums.at(x);
+      if (alone.weightVoid != 0) c.density = densityCriterion(particles, x, alone);
+      return publishedCost(c, alone);
     };
   };
   const Function cost = costWith(o.weightVoid, o.weightVelocity, o.weightVortex);
@@ -256,7 +348,8 @@ PublishedEstimate minimisePublishedCost(const ParticleIndex& particles, const Fl
   e.convergence = m.convergence;
   e.particlesInside = particles.countWithin(m.x, 0.5 * o.diameter);
   const Matrix3d h = hessian(cost, m.x, o.step);
-  e.positiveDefinite = h.llt().info() == Eigen::Success;
+  // J is a sum of floats: a curvature that changes it by less than 1e-4 over one step is none.
+  e.positiveDefinite = Eigen::SelfAdjointEigenSolver<Matrix3d>(h).eigenvalues()[0] * o.step * o.step > 1e-4;
   if (e.positiveDefinite) e.covariance = h.inverse();
   e.voidMinimiser = conjugateGradient(costWith(1, 0, 0), start, o, inside).x;
   e.velocityMinimiser = conjugateGradient(costWith(0, 1, 0), m.x, o, inside).x;

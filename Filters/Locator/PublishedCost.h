@@ -42,9 +42,9 @@ struct Criteria {
 enum class Convergence { Gradient, NoDescent, Iterations };
 
 struct PublishedEstimate {
-  Eigen::Vector3d centre = Eigen::Vector3d::Zero(); ///< minimiser of J, m
-  Eigen::Matrix3d covariance =
-      Eigen::Matrix3d::Zero(); ///< inverse of the Hessian of J, m2; 0 when that is not positive definite
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();     ///< minimiser of J, m
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero(); ///< inverse of the Hessian of J, m2; 0 when that is
+                                                        ///< not positive definite, rounding aside
   bool positiveDefinite = false;
   double cost = 0;         ///< J at the centre
   double gradientNorm = 0; ///< |grad J| there, 1/m

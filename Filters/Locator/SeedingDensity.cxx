@@ -136,6 +136,7 @@ void SeedingDensity::estimate(std::vector<double> count, const std::vector<doubl
   }
   mean_ = space > 0 ? particles / space : 0;
   density_.assign(count.size(), mean_);
+  cautious_ = density_;
   if (mean_ <= 0) return;
   const std::vector<double> base = profiles(count, volume);
   std::vector<double> expected(count.size());
@@ -158,10 +159,11 @@ void SeedingDensity::estimate(std::vector<double> count, const std::vector<doubl
     for (std::size_t l = counts.size(); l-- > 0;)
       ratio = (weight[l] * counts[l][c] + Backing * ratio) / (weight[l] * expectations[l][c] + Backing);
     density_[c] = base[c] * ratio;
+    cautious_[c] = base[c] * std::min(1., ratio);
   }
 }
 
-double SeedingDensity::at(const Eigen::Vector3d& x) const {
+double SeedingDensity::interpolate(const std::vector<double>& values, const Eigen::Vector3d& x) const {
   if (!box_.contains(x)) return 0;
   int i0[3], i1[3];
   double f[3];
@@ -172,13 +174,21 @@ double SeedingDensity::at(const Eigen::Vector3d& x) const {
     f[a] = g - i0[a];
   }
   auto row = [&](int j, int k) {
-    return (1 - f[0]) * density_[cellIndex(i0[0], j, k)] + f[0] * density_[cellIndex(i1[0], j, k)];
+    return (1 - f[0]) * values[cellIndex(i0[0], j, k)] + f[0] * values[cellIndex(i1[0], j, k)];
   };
   return (1 - f[2]) * ((1 - f[1]) * row(i0[1], i0[2]) + f[1] * row(i1[1], i0[2])) +
          f[2] * ((1 - f[1]) * row(i0[1], i1[2]) + f[1] * row(i1[1], i1[2]));
 }
 
 double SeedingDensity::expectedWithin(const Eigen::Vector3d& centre, double radius) const {
+  return integrate(density_, centre, radius);
+}
+double SeedingDensity::cautiouslyExpectedWithin(const Eigen::Vector3d& centre, double radius) const {
+  return integrate(cautious_, centre, radius);
+}
+
+double SeedingDensity::integrate(const std::vector<double>& values, const Eigen::Vector3d& centre,
+                                 double radius) const {
   // Gauss-Legendre in r^3 (uniform in volume), even directions
   constexpr double node[] = {0.0469100770306680, 0.2307653449471585, 0.5, 0.7692346550528415,
                              0.9530899229693320};
@@ -187,7 +197,8 @@ double SeedingDensity::expectedWithin(const Eigen::Vector3d& centre, double radi
   double sum = 0;
   for (int s = 0; s < 5; ++s) {
     double shell = 0;
-    for (const Eigen::Vector3d& e : evenDirections()) shell += at(centre + radius * std::cbrt(node[s]) * e);
+    for (const Eigen::Vector3d& e : evenDirections())
+      shell += interpolate(values, centre + radius * std::cbrt(node[s]) * e);
     sum += weight[s] * shell / Directions;
   }
   return sum * ballVolume(radius);

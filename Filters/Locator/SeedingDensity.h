@@ -23,10 +23,13 @@ public:
   void exclude(const std::vector<Body>& bodies);
 
   const Box& box() const { return box_; }
-  double mean() const { return mean_; }                ///< 1/m3, over the fluid
-  double at(const Eigen::Vector3d& x) const;           ///< n(x), 1/m3
+  double mean() const { return mean_; }                                          ///< 1/m3, over the fluid
+  double at(const Eigen::Vector3d& x) const { return interpolate(density_, x); } ///< n(x), 1/m3
   double expectedWithin(const Eigen::Vector3d& centre, ///< integral of n over a ball: particles it would hold
                         double radius) const;
+  /// The same of the smaller of n and the product of its profiles, for judging voids: the emptiest of many
+  /// places is often one where n came out too high by chance.
+  double cautiouslyExpectedWithin(const Eigen::Vector3d& centre, double radius) const;
   /// Gradient of expectedWithin with respect to the centre: the surface integral of n times the normal, 1/m.
   Eigen::Vector3d expectedGradient(const Eigen::Vector3d& centre, double radius) const;
 
@@ -54,13 +57,16 @@ private:
   std::vector<double> profiles(const std::vector<double>& count, const std::vector<double>& volume) const;
   void estimate(std::vector<double> count, const std::vector<double>& volume);
   void measureDispersion();
+  double interpolate(const std::vector<double>& values, const Eigen::Vector3d& x) const; // 0 outside the box
+  double integrate(const std::vector<double>& values, const Eigen::Vector3d& centre, double radius) const;
 
   const ParticleIndex* particles_;
   Box box_;
   std::array<int, 3> n_{1, 1, 1};
   Eigen::Vector3d h_ = Eigen::Vector3d::Ones();
-  std::vector<double> count_;   // particles per cell, nothing excluded
-  std::vector<double> density_; // per cell
+  std::vector<double> count_;    // particles per cell, nothing excluded
+  std::vector<double> density_;  // per cell
+  std::vector<double> cautious_; // per cell, at most the product of the profiles
   double mean_ = 0, dispersion_ = 1;
 };
 

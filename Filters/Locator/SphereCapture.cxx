@@ -165,7 +165,7 @@ std::vector<Eigen::Vector3d> peaks(const CountGrid& grid, const std::vector<floa
 } // namespace
 
 double independentPlaces(double volume, double radius) {
-  return std::max(1., 240 * volume / ballVolume(radius));
+  return std::max(1., 40 * volume / ballVolume(radius));
 }
 
 double logFalseAlarm(const VoidEstimate& estimate, double places) {

@@ -39,7 +39,7 @@ CaptureResult captureSphere(const ParticleIndex& particles, SeedingDensity& seed
 /// Log of the probability that chance makes a void like this somewhere among `places` independent places.
 double logFalseAlarm(const VoidEstimate& estimate, double places);
 
-/// Independent places for a ball of this radius in a volume: the balls' worth of volume times 240, for the
+/// Independent places for a ball of this radius in a volume: the balls' worth of volume times 40, for the
 /// places between them; measured on volumes without a sphere (Documentation/methods-locator.md).
 double independentPlaces(double volume, double radius);
 

@@ -131,8 +131,18 @@ std::optional<SphereTracker::Guess> SphereTracker::predict(double time) const {
   return Guess{last + leap * velocity, std::min(std::max(side, 0.2 * diameter), widest)};
 }
 
+bool SphereTracker::anyFound() const {
+  return std::any_of(known_.begin(), known_.end(), [](const auto& k) { return k.second.found; });
+}
+
+std::vector<double> SphereTracker::worthAnotherLook() const {
+  if (!anyFound()) return {};
+  return {lostBlindly_.rbegin(), lostBlindly_.rend()};
+}
+
+/// Near the guess, and unless that was done before, everywhere.
 LocatedSphere SphereTracker::search(const ParticleIndex& index, const std::optional<Guess>& guess,
-                                    const FlowField* flow, const Progress& progress) const {
+                                    bool everywhere, const FlowField* flow, const Progress& progress) const {
   LocatedSphere lost;
   if (index.size() < 20) {
     lost.text = "only " + std::to_string(index.size()) + " particles";
@@ -150,11 +160,14 @@ LocatedSphere SphereTracker::search(const ParticleIndex& index, const std::optio
     const VoidEstimate v =
         published ? roughVoid(index, seeding, start, near) : locateVoid(index, seeding, start, near);
     if (!isSphere(v, index, g.side * g.side * g.side, options_)) return std::nullopt;
+    // Found far outside the cube: then it was not searched among the cube's places alone.
+    if (g.side < side && (v.centre - start).cwiseAbs().maxCoeff() > 0.75 * g.side) return std::nullopt;
     return published ? fromPublished(minimisePublishedCost(index, *flow, start, options_.published), diameter)
                      : fromLikelihood(v);
   };
   if (guess)
     if (const auto sphere = at(*guess)) return *sphere;
+  if (!everywhere) return lost;
   const CaptureResult capture =
       captureSphere(index, seeding, options_.likelihood, options_.capture, progress);
   if (!capture.found) {
@@ -169,7 +182,8 @@ LocatedSphere SphereTracker::search(const ParticleIndex& index, const std::optio
 const LocatedSphere& SphereTracker::locate(double time, const SnapshotParticles& particles,
                                            const FlowField* flow, const Progress& progress) {
   const auto known = known_.find(time);
-  if (known != known_.end()) return known->second;
+  const bool again = known != known_.end();
+  if (again && !(lostBlindly_.count(time) > 0 && anyFound())) return known->second;
   if (options_.method == LocatorMethod::PublishedCost && !flow)
     throw std::invalid_argument(
         "the published cost needs the flow on a grid with the arrays Velocity and QCriterion");
@@ -179,8 +193,13 @@ const LocatedSphere& SphereTracker::locate(double time, const SnapshotParticles&
     return !aborted;
   };
   const ParticleIndex index(particles.positions, particles.count);
-  LocatedSphere sphere = search(index, predict(time), flow, watched);
+  LocatedSphere sphere = search(index, predict(time), !again, flow, watched);
   if (aborted) return aborted_ = LocatedSphere{false, "aborted"};
+  if (!sphere.found && !again && !anyFound())
+    lostBlindly_.insert(time);
+  else
+    lostBlindly_.erase(time);
+  if (!sphere.found && again) return known->second; // with the reason that the whole search gave
   if (sphere.found && particles.velocities)
     addWallVelocity(sphere, index, particles.velocities, 0.5 * options_.likelihood.diameter);
   return known_[time] = sphere;

@@ -5,7 +5,9 @@
 #include <limits>
 #include <map>
 #include <optional>
+#include <set>
 #include <string>
+#include <vector>
 
 namespace rimflow {
 
@@ -52,11 +54,14 @@ public:
   explicit SphereTracker(const TrackerOptions& options);
 
   /// The sphere at `time`; kept, so that asking again costs nothing. flow: needed by the published cost.
-  /// When progress aborts, the result says so and is not kept.
+  /// When progress aborts, the result says so and is not kept. A time that was lost before anything had been
+  /// found is looked at once more when asked for again: then other times say where to look.
   const LocatedSphere& locate(double time, const SnapshotParticles& particles, const FlowField* flow,
                               const Progress& progress = {});
 
   bool knows(double time) const { return known_.count(time) > 0; }
+  /// The times that another look may find, latest first: so each find says where to look in the next.
+  std::vector<double> worthAnotherLook() const;
   /// Everything found so far, by time.
   const std::map<double, LocatedSphere>& known() const { return known_; }
 
@@ -67,11 +72,13 @@ private:
     double side;
   };
   std::optional<Guess> predict(double time) const;
-  LocatedSphere search(const ParticleIndex& index, const std::optional<Guess>& guess, const FlowField* flow,
-                       const Progress& progress) const;
+  bool anyFound() const;
+  LocatedSphere search(const ParticleIndex& index, const std::optional<Guess>& guess, bool everywhere,
+                       const FlowField* flow, const Progress& progress) const;
 
   TrackerOptions options_;
   std::map<double, LocatedSphere> known_;
+  std::set<double> lostBlindly_; // lost when nothing had been found
   LocatedSphere aborted_;
 };
 

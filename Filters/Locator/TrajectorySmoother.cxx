@@ -1,6 +1,7 @@
 #include "TrajectorySmoother.h"
 
 #include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 #include <algorithm>
 #include <array>
@@ -297,6 +298,12 @@ void check(const std::vector<CentreEstimate>& estimates) {
   }
 }
 
+/// Whether the standard deviation exceeds the limit in any direction; a limit of 0 is none.
+bool tooUncertain(const Eigen::Matrix3d& covariance, double limit) {
+  if (limit <= 0) return false;
+  return Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(covariance).eigenvalues()[2] > limit * limit;
+}
+
 } // namespace
 
 SmoothedTrajectory smoothTrajectory(const std::vector<CentreEstimate>& estimates,
@@ -328,7 +335,10 @@ SmoothedTrajectory smoothTrajectory(const std::vector<CentreEstimate>& estimates
   const std::vector<Gaussian> smoothed = smoother.smooth(p);
   for (std::size_t k = 0; k < order.size(); ++k) {
     const Gaussian& g = smoothed[k];
-    result.points[order[k]] = {smoother.used()[k] ? CentreStatus::Found : CentreStatus::Predicted,
+    const bool found = smoother.used()[k];
+    if (!found && tooUncertain(g.covariance.block<3, 3>(Centre, Centre), options.largestPredictionSigma))
+      continue;
+    result.points[order[k]] = {found ? CentreStatus::Found : CentreStatus::Predicted,
                                g.mean.segment<3>(Centre),
                                g.mean.segment<3>(Velocity),
                                g.mean.segment<3>(Acceleration),

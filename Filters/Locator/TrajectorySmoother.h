@@ -22,14 +22,16 @@ struct SmootherOptions {
   double accelerationPrior = 10; ///< standard deviation of the acceleration about 0, m/s2, > 0
   double rejectionChiSquared =
       30; ///< a snapshot farther than this from the path through all others is left out
-  double largestRejectedPart = 0.1; ///< of the snapshots, 0 to 1
+  double largestRejectedPart = 0.1;  ///< of the snapshots, 0 to 1
+  double largestPredictionSigma = 0; ///< m: a snapshot without a find is lost when its smoothed centre is
+                                     ///< less certain than this in any direction; 0: no limit
 };
 
 enum class CentreStatus { Found = 0, Predicted = 1, Lost = 2 };
 
 struct SmoothedCentre {
   CentreStatus status =
-      CentreStatus::Lost; ///< Predicted: bridged from the neighbours; Lost: no snapshot was found at all
+      CentreStatus::Lost; ///< Predicted: bridged from the neighbours; Lost: no find is near enough
   Eigen::Vector3d centre, velocity, acceleration; ///< m, m/s, m/s2; NaN when lost
   Eigen::Matrix3d centreCovariance, velocityCovariance, accelerationCovariance;
 };

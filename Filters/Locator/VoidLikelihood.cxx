@@ -225,7 +225,7 @@ Climb climb(const ParticleIndex& particles, const SeedingDensity& seeding, const
 void judge(const ParticleIndex& particles, const SeedingDensity& seeding, double diameter,
            VoidEstimate& estimate) {
   estimate.particlesInside = particles.countWithin(estimate.centre, 0.5 * diameter);
-  estimate.expectedInside = seeding.expectedWithin(estimate.centre, 0.5 * diameter);
+  estimate.expectedInside = seeding.cautiouslyExpectedWithin(estimate.centre, 0.5 * diameter);
   estimate.logChance =
       logChanceOfVoid(estimate.particlesInside, estimate.expectedInside) / seeding.dispersion();
 }

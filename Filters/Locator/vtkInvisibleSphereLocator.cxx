@@ -25,6 +25,7 @@
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
+#include <limits>
 #include <stdexcept>
 #include <vector>
 
@@ -36,7 +37,7 @@ struct vtkInvisibleSphereLocator::Internals {
   vtkMTimeType upstream = 0;    // of everything that the particles and the flow come from
   std::vector<double> pending;  // times that ProcessAllTimes has still to visit
   std::size_t pendingAtStart = 0;
-  bool looping = false;
+  bool looping = false, lookingAgain = false;
   double requested = 0; // the time that was asked for when the loop began
   // the most likely parameters of the motion, kept while the number of snapshots hardly changes
   std::size_t smoothedCount = 0;
@@ -46,6 +47,8 @@ struct vtkInvisibleSphereLocator::Internals {
 namespace {
 
 using rimflow::LocatedSphere;
+
+constexpr double Nothing = std::numeric_limits<double>::quiet_NaN();
 
 /// One row per snapshot under the names of the public contract.
 class Rows {
@@ -88,23 +91,24 @@ public:
     const Eigen::Vector3d velocity = s.wallVelocitySigma >= 0 ? s.wallVelocity : Eigen::Vector3d::Zero();
     points_->InsertNextPoint(s.centre.data());
     tuple("Time", &time);
-    tuple("Centre", s.centre.data());
+    tuple("Centre", s.found ? s.centre.data() : Eigen::Vector3d::Constant(Nothing).eval().data());
     tuple("Velocity", velocity.data());
     tuple("Acceleration", Eigen::Vector3d::Zero().eval().data());
     tuple("Covariance", packed);
     tuple("Sigma", sigma.data());
     tuple("SigmaTensor", root.data());
     tuple("Diameter", &diameter_);
-    tuple("Cost", &s.cost);
-    tuple("GradientNorm", &s.gradientNorm);
+    tuple("Cost", s.found ? &s.cost : &Nothing);
+    tuple("GradientNorm", s.found ? &s.gradientNorm : &Nothing);
     tuple("OffsetVoid", &s.offsetVoid);
     tuple("OffsetVelocity", &s.offsetVelocity);
     tuple("OffsetVortex", &s.offsetVortex);
-    const double counts[3] = {double(s.iterations), double(s.particlesInside), s.found ? 0. : 2.};
+    const double counts[3] = {double(s.iterations), s.found ? double(s.particlesInside) : -1.,
+                              s.found ? 0. : 2.};
     tuple("Iterations", counts);
     tuple("ParticlesInside", counts + 1);
     tuple("Status", counts + 2);
-    text_->InsertNextValue(s.text);
+    text_->InsertNextValue(s.found ? s.text : "predicted from the neighbours; by itself: " + s.text);
   }
 
   vtkPolyData* data() { return data_; }
@@ -139,6 +143,25 @@ void fillLost(vtkPolyData* data, double time, double diameter, const std::string
   text->SetName("StatusText");
   text->InsertNextValue(why);
   data->GetFieldData()->AddArray(text);
+}
+
+/// The trajectory's points that are not lost; the line goes through these already.
+void withoutLost(vtkPolyData* smoothed, vtkPolyData* trajectory) {
+  vtkDataArray* status = smoothed->GetPointData()->GetArray("Status");
+  vtkPointData* data = trajectory->GetPointData();
+  data->CopyAllOn();
+  data->CopyAllocate(smoothed->GetPointData(), smoothed->GetNumberOfPoints());
+  vtkNew<vtkPoints> points;
+  points->SetDataTypeToDouble();
+  vtkNew<vtkCellArray> line;
+  for (vtkIdType p = 0; p < smoothed->GetNumberOfPoints(); ++p)
+    if (status->GetTuple1(p) != 2)
+      data->CopyData(smoothed->GetPointData(), p, points->InsertNextPoint(smoothed->GetPoint(p)));
+  line->InsertNextCell(int(points->GetNumberOfPoints()));
+  for (vtkIdType p = 0; p < points->GetNumberOfPoints(); ++p) line->InsertCellPoint(p);
+  trajectory->SetPoints(points);
+  trajectory->SetLines(line);
+  trajectory->GetFieldData()->ShallowCopy(smoothed->GetFieldData());
 }
 
 void copyToFieldData(vtkPolyData* from, vtkPolyData* to) {
@@ -186,6 +209,10 @@ int vtkInvisibleSphereLocator::RequestUpdateExtent(vtkInformation* request, vtkI
     state.pending.clear();
     for (int k = n; k-- > 0;)
       if (state.tracker && !state.tracker->knows(times[k])) state.pending.push_back(times[k]);
+    if (state.pending.empty() && state.tracker) { // all visited one by one, but not all in the best order
+      const std::vector<double> again = state.tracker->worthAnotherLook();
+      state.pending.assign(again.rbegin(), again.rend());
+    }
     const int port = std::max(0, request->Get(vtkExecutive::FROM_OUTPUT_PORT()));
     vtkInformation* out = outputs->GetInformationObject(port);
     state.requested = out->Has(Pipeline::UPDATE_TIME_STEP()) ? out->Get(Pipeline::UPDATE_TIME_STEP())
@@ -193,6 +220,7 @@ int vtkInvisibleSphereLocator::RequestUpdateExtent(vtkInformation* request, vtkI
                                                              : 0;
     state.pendingAtStart = state.pending.size();
     state.looping = !state.pending.empty();
+    state.lookingAgain = false;
     state.pending.insert(state.pending.begin(),
                          state.requested); // last, so that the inputs end at the time on show
   }
@@ -240,7 +268,8 @@ void vtkInvisibleSphereLocator::RenewTracker() {
 }
 
 void vtkInvisibleSphereLocator::LocateAt(double time, vtkPolyData* particles, vtkImageData* image) {
-  if (this->State->tracker->knows(time)) return;
+  const std::vector<double> again = this->State->tracker->worthAnotherLook();
+  if (this->State->tracker->knows(time) && std::find(again.begin(), again.end(), time) == again.end()) return;
   rimflow::SnapshotParticles snapshot;
   vtkSmartPointer<vtkFloatArray> positions, velocities, flowVelocity, flowQ;
   if (particles->GetPoints()) {
@@ -295,6 +324,12 @@ int vtkInvisibleSphereLocator::RequestData(vtkInformation* request, vtkInformati
     this->LocateAt(time, particles, flow);
     if (state.looping) {
       if (!state.pending.empty()) state.pending.pop_back();
+      if (state.pending.size() == 1 && !state.lookingAgain) { // all visited: back to those lost at first
+        const std::vector<double> again = state.tracker->worthAnotherLook();
+        state.pending.insert(state.pending.end(), again.rbegin(), again.rend());
+        state.pendingAtStart += again.size();
+        state.lookingAgain = true;
+      }
       if (!state.pending.empty() && !rimflow::aborted(this)) {
         request->Set(vtkStreamingDemandDrivenPipeline::CONTINUE_EXECUTING(), 1);
         return 1;
@@ -321,28 +356,32 @@ void vtkInvisibleSphereLocator::FillOutputs(double time, vtkInformationVector* o
 
   // Port 2: everything known, smoothed.
   vtkPolyData* trajectory = vtkPolyData::GetData(outputs, 2);
+  const auto count =
+      std::size_t(std::count_if(known.begin(), known.end(), [](const auto& k) { return k.second.found; }));
   Rows all(this->Diameter);
   vtkIdType row = -1;
   for (const auto& [t, sphere] : known) {
-    if (!sphere.found) continue;
+    if (!sphere.found && count < 2) continue;
     if (t == time) row = all.data()->GetNumberOfPoints();
     all.add(t, sphere);
   }
-  const auto count = std::size_t(all.data()->GetNumberOfPoints());
+  vtkNew<vtkPolyData> smoothed;
   if (count > 1) {
     vtkNew<vtkTrajectorySmoother> smoother;
     const bool fresh = count > 30 && count < 1.2 * state.smoothedCount && count >= state.smoothedCount;
     smoother->SetJerkIntensity(fresh ? state.jerkIntensity : -1);
     smoother->SetCorrelatedFraction(fresh ? state.correlatedFraction : -1);
     smoother->SetCorrelationTime(fresh ? state.correlationTime : 0);
+    smoother->SetLargestPredictionSigma(0.5 * this->Diameter);
     smoother->SetInputData(all.data());
     smoother->Update();
-    trajectory->ShallowCopy(smoother->GetOutput());
+    smoothed->ShallowCopy(smoother->GetOutput());
+    withoutLost(smoothed, trajectory);
     if (!fresh) {
       state.smoothedCount = count;
-      state.jerkIntensity = trajectory->GetFieldData()->GetArray("JerkIntensity")->GetTuple1(0);
-      state.correlatedFraction = trajectory->GetFieldData()->GetArray("CorrelatedFraction")->GetTuple1(0);
-      state.correlationTime = trajectory->GetFieldData()->GetArray("CorrelationTime")->GetTuple1(0);
+      state.jerkIntensity = smoothed->GetFieldData()->GetArray("JerkIntensity")->GetTuple1(0);
+      state.correlatedFraction = smoothed->GetFieldData()->GetArray("CorrelatedFraction")->GetTuple1(0);
+      state.correlationTime = smoothed->GetFieldData()->GetArray("CorrelationTime")->GetTuple1(0);
     }
   } else {
     trajectory->ShallowCopy(all.data());
@@ -360,7 +399,7 @@ void vtkInvisibleSphereLocator::FillOutputs(double time, vtkInformationVector* o
     if (count > 1)
       for (const char* name : {"Velocity", "Acceleration"})
         one.data()->GetPointData()->GetArray(name)->SetTuple(0, row,
-                                                             trajectory->GetPointData()->GetArray(name));
+                                                             smoothed->GetPointData()->GetArray(name));
     centre->ShallowCopy(one.data());
     vtkNew<vtkCellArray> vertex;
     const vtkIdType first = 0;

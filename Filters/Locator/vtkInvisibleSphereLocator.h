@@ -16,10 +16,13 @@
  * is known, the velocity comes from the particles at the wall (no slip). When lost: no point, and Time,
  * Diameter, Status and StatusText as field data. Output 2, Trajectory: a polyline over all times visited so
  * far (all times with ProcessAllTimes), smoothed; the arrays of output 1 and those of vtkTrajectorySmoother,
- * with `RawCentre` as the single-snapshot estimate.
+ * with `RawCentre` as the single-snapshot estimate. Snapshots where nothing was found have Status 1 and are
+ * bridged while their predicted centre is certain to a radius (StatusText says why nothing was found; Cost,
+ * GradientNorm and RawCentre are no numbers, ParticlesInside is -1); beyond that they are left out.
  *
  * Every time is searched for once and kept until the particles or a property change. Times may come in any
- * order: what was found at other times only says where to look first.
+ * order: what was found at other times only says where to look first. A time that was lost before anything
+ * had been found is looked at again when it is visited again; ProcessAllTimes goes back to all of them.
  *
  * Sources: section "Sphere Detection" of Jose et al. 2025 (published cost); VoidLikelihood.h,
  * SphereCapture.h.

@@ -14,6 +14,7 @@
 #include "vtkPoints.h"
 #include "vtkPolyData.h"
 
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <numeric>
@@ -60,7 +61,7 @@ std::vector<rimflow::CentreEstimate> estimatesOf(vtkPolyData* input) {
   return estimates;
 }
 
-/// Adds a double array filled by value(point) -> anything with operator[].
+/// Adds a double array filled by value(point), a vector or a matrix.
 template <class F>
 void add(vtkPolyData* output, const char* name, int components,
          const std::vector<rimflow::SmoothedCentre>& points, F&& value) {
@@ -70,7 +71,7 @@ void add(vtkPolyData* output, const char* name, int components,
   array->SetNumberOfTuples(vtkIdType(points.size()));
   for (vtkIdType p = 0; p < vtkIdType(points.size()); ++p) {
     const auto v = value(points[p]);
-    for (int c = 0; c < components; ++c) array->SetComponent(p, c, v[c]);
+    for (int c = 0; c < components; ++c) array->SetComponent(p, c, v.data()[c]);
   }
   output->GetPointData()->AddArray(array);
 }
@@ -79,6 +80,11 @@ Eigen::Matrix<double, 6, 1> packed(const Eigen::Matrix3d& m) {
   return (Eigen::Matrix<double, 6, 1>() << m(0, 0), m(1, 1), m(2, 2), m(0, 1), m(1, 2), m(0, 2)).finished();
 }
 Eigen::Vector3d sigma(const Eigen::Matrix3d& covariance) { return covariance.diagonal().cwiseSqrt(); }
+/// The square root, by which Tensor Glyph draws the ellipsoid; not numbers for a lost point.
+Eigen::Matrix3d root(const Eigen::Matrix3d& covariance) {
+  if (!covariance.allFinite()) return covariance;
+  return Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(covariance).operatorSqrt();
+}
 
 void addNumber(vtkPolyData* output, const char* name, double value) {
   vtkNew<vtkDoubleArray> array;
@@ -107,6 +113,7 @@ void fill(vtkPolyData* input, const rimflow::SmoothedTrajectory& t, vtkPolyData*
   add(output, "AccelerationCovariance", 6, t.points,
       [](const P& p) { return packed(p.accelerationCovariance); });
   add(output, "Sigma", 3, t.points, [](const P& p) { return sigma(p.centreCovariance); });
+  add(output, "SigmaTensor", 9, t.points, [](const P& p) { return root(p.centreCovariance); });
   add(output, "VelocitySigma", 3, t.points, [](const P& p) { return sigma(p.velocityCovariance); });
   add(output, "AccelerationSigma", 3, t.points, [](const P& p) { return sigma(p.accelerationCovariance); });
   vtkNew<vtkIntArray> status;
@@ -156,6 +163,7 @@ int vtkTrajectorySmoother::RequestData(vtkInformation*, vtkInformationVector** i
   options.jerkIntensity = this->JerkIntensity;
   options.correlatedFraction = this->CorrelatedFraction;
   options.correlationTime = this->CorrelationTime;
+  options.largestPredictionSigma = this->LargestPredictionSigma;
   try {
     fill(input, rimflow::smoothTrajectory(estimatesOf(input), options), output);
   } catch (const std::invalid_argument& error) {
@@ -170,5 +178,6 @@ void vtkTrajectorySmoother::PrintSelf(ostream& os, vtkIndent indent) {
   this->Superclass::PrintSelf(os, indent);
   os << indent << "JerkIntensity: " << this->JerkIntensity << "\n"
      << indent << "CorrelatedFraction: " << this->CorrelatedFraction << "\n"
-     << indent << "CorrelationTime: " << this->CorrelationTime << "\n";
+     << indent << "CorrelationTime: " << this->CorrelationTime << "\n"
+     << indent << "LargestPredictionSigma: " << this->LargestPredictionSigma << "\n";
 }

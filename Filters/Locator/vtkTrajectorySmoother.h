@@ -6,11 +6,12 @@
  * m; else the points' coordinates), `Covariance` (6: xx yy zz xy yz xz, m2), and optionally `Status` (0
  * found, anything else: not found, its numbers are not used). Output: a polyline in the order of time through
  * all points that are not lost, with the input's arrays and `Centre`, `Velocity`, `Acceleration` (3),
- * `Covariance`, `VelocityCovariance`, `AccelerationCovariance` (6), `Sigma`, `VelocitySigma`,
- * `AccelerationSigma` (3), `Status` (0 found, 1 predicted from the neighbours, 2 lost) and `RawCentre` (3),
- * the input's Centre; all double but Status. When no point was found, all are lost and there is no line.
- * Field data: `JerkIntensity` (m2/s5), `CorrelatedFraction`, `CorrelationTime` (s), `CovarianceInflation`,
- * `Rejected`.
+ * `Covariance`, `VelocityCovariance`, `AccelerationCovariance` (6), `Sigma`, `SigmaTensor` (9),
+ * `VelocitySigma`, `AccelerationSigma` (3), `Status` (0 found, 1 predicted from the neighbours, 2 lost) and
+ * `RawCentre` (3), the input's Centre; all double but Status. Lost is what no find is near enough to for a
+ * prediction (LargestPredictionSigma), and everything when nothing was found; the numbers of a lost point are
+ * not numbers. Field data: `JerkIntensity` (m2/s5), `CorrelatedFraction`, `CorrelationTime` (s),
+ * `CovarianceInflation`, `Rejected`.
  *
  * Kalman filter and Rauch-Tung-Striebel smoother for white-noise jerk; see TrajectorySmoother.h for the
  * model.
@@ -47,6 +48,13 @@ public:
   vtkGetMacro(CorrelationTime, double);
   ///@}
 
+  ///@{
+  /// A snapshot without a find is predicted while its centre's standard deviation is at most this in every
+  /// direction, m; beyond, it is lost. 0 (default): no limit.
+  vtkSetClampMacro(LargestPredictionSigma, double, 0, VTK_DOUBLE_MAX);
+  vtkGetMacro(LargestPredictionSigma, double);
+  ///@}
+
 protected:
   vtkTrajectorySmoother() = default;
   ~vtkTrajectorySmoother() override = default;
@@ -56,6 +64,7 @@ protected:
   double JerkIntensity = -1;
   double CorrelatedFraction = -1;
   double CorrelationTime = 0;
+  double LargestPredictionSigma = 0;
 
 private:
   vtkTrajectorySmoother(const vtkTrajectorySmoother&) = delete;

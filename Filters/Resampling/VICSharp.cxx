@@ -1,36 +1,48 @@
 #include "VICSharp.h"
 
-#include "Interpolation.h"
 #include "LBFGS.h"
-#include "VICSharpModel.h"
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
+#include <functional>
+#include <numeric>
 #include <stdexcept>
-#include <string>
 
 namespace rimflow {
 namespace {
 
 // Float: half the memory and time of double, and far below the noise of any measurement.
-using Real = float;
-using Model = VICSharpModel<Real>;
-using Vector = Model::Vector;
+using Model = VICSharpModel<float>;
 
-// Held out: every 20th particle, but about 200 where there are few, and at most every 5th.
-std::size_t holdOutEvery(std::size_t count) { return std::clamp<std::size_t>(count / 200, 5, 20); }
-constexpr double OutlierSigmas = 4;
+constexpr std::size_t MinimumParticles = 20;
+constexpr double CalibrationNodes = 6e4; // about 7000 particles
 
-/// What a warm start needs: the unknowns and the grid they belong to.
-struct Solution {
-  Grid grid;
-  Vector x;
-  double velocityScale, accelerationScale;
-};
+void check(const VICSharpTracks& t, const VICSharpOptions& o) {
+  if (t.count == 0 || !t.positions || !t.velocities) throw std::invalid_argument("there are no particles");
+  for (int a = 0; a < 3; ++a)
+    if (o.grid.n[a] < 5 || !(o.grid.spacing[a] > 0))
+      throw std::invalid_argument(
+          "the grid needs at least 5 nodes along every axis and a spacing greater than 0");
+  if (std::abs(o.grid.spacing[0] / o.grid.spacing[1] - 1) > 1e-6 ||
+      std::abs(o.grid.spacing[0] / o.grid.spacing[2] - 1) > 1e-6)
+    throw std::invalid_argument("the grid must have the same spacing along all axes");
+  const bool valid = o.viscosity >= 0 && o.velocityNoise >= 0 && o.accelerationNoise >= 0 &&
+                     o.maximumIterations >= 1 && o.tolerance > 0 && o.padding >= 0 && o.heldOut > 0 &&
+                     o.heldOut < 0.5 && o.accelerationWeight >= 0 && o.divergenceWeight >= 0 &&
+                     o.vorticityDivergenceWeight >= 0 && o.accelerationDivergenceWeight >= 0 &&
+                     o.navierStokesWeight >= 0 && o.curvatureWeight >= 0 && o.outliers >= 0;
+  if (!valid)
+    throw std::invalid_argument("an option is negative, not a number or out of its range: viscosity, noise "
+                                "levels, weights and padding must be at least 0, and at least one iteration "
+                                "must be allowed");
+}
 
-bool sameGrid(const Grid& a, const Grid& b) {
-  return a.n == b.n && a.origin == b.origin && a.spacing == b.spacing;
+double square(double v) { return v * v; }
+
+bool within(const Grid& g, const double* x) {
+  for (int a = 0; a < 3; ++a)
+    if (!(x[a] >= g.origin[a] && x[a] <= g.origin[a] + (g.n[a] - 1) * g.spacing[a])) return false;
+  return true;
 }
 
 /// The grid with `nodes` more nodes on every side.
@@ -43,234 +55,454 @@ Grid padded(const Grid& g, int nodes) {
   return p;
 }
 
-/// A grid of another spacing over the same box, a little larger where it does not fit.
-Grid coarser(const Grid& g, double spacing) {
-  Grid c = g;
+/// A grid over the same box (or a little more) with spacings `factor` times larger.
+Grid coarseGrid(const Grid& fine, double factor) {
+  Grid grid = fine;
   for (int a = 0; a < 3; ++a) {
-    const double length = (g.n[a] - 1) * g.spacing[a];
-    c.n[a] = std::max(5, int(std::ceil(length / spacing - 1e-9)) + 1);
-    c.spacing[a] = spacing;
-    c.origin[a] = g.origin[a] + 0.5 * (length - (c.n[a] - 1) * spacing);
+    const double length = (fine.n[a] - 1) * fine.spacing[a];
+    grid.spacing[a] = fine.spacing[a] * factor;
+    grid.n[a] = std::max(5, int(std::ceil(length / grid.spacing[a] - 1e-6)) + 1);
+    grid.origin[a] = fine.origin[a] - 0.5 * ((grid.n[a] - 1) * grid.spacing[a] - length);
   }
-  return c;
+  return grid;
 }
 
-bool within(const Grid& g, const double* x) {
-  for (int a = 0; a < 3; ++a)
-    if (!(x[a] >= g.origin[a] && x[a] <= g.origin[a] + (g.n[a] - 1) * g.spacing[a])) return false;
-  return true;
-}
-
-double rms(const std::vector<double>& v) {
-  double sum = 0;
-  for (double x : v) sum += x * x;
-  return v.empty() ? 0 : std::sqrt(sum / double(v.size()));
-}
-
-/// The particles to fit, and those held out to see when to stop.
-struct Split {
-  VICSharpData fit, heldOut;
-};
-
-/// Usable particles within the box of `grid`. holdOut: keep some apart.
-Split split(const VICSharpTracks& t, const Grid& grid, const std::optional<Body>& body, bool holdOut) {
-  Split s;
-  const std::size_t every = holdOutEvery(t.count);
-  std::size_t used = 0;
-  bool accelerations = t.accelerations != nullptr;
+/// Usable particles within the box of `grid`, with velocities as they are.
+VICSharpData usable(const VICSharpTracks& t, const Grid& grid, const std::optional<Body>& body) {
+  VICSharpData data;
   for (std::size_t p = 0; p < t.count; ++p) {
     const double x[3] = {t.positions[3 * p], t.positions[3 * p + 1], t.positions[3 * p + 2]};
     const float* u = t.velocities + 3 * p;
     if (!within(grid, x) || !std::isfinite(u[0]) || !std::isfinite(u[1]) || !std::isfinite(u[2])) continue;
     if (body && body->contains(Eigen::Vector3d(x[0], x[1], x[2]))) continue;
-    VICSharpData& to = holdOut && ++used % every == 0 ? s.heldOut : s.fit;
-    to.position.insert(to.position.end(), x, x + 3);
-    to.velocity.insert(to.velocity.end(), u, u + 3);
-    if (!accelerations) continue;
+    data.position.insert(data.position.end(), x, x + 3);
+    data.velocity.insert(data.velocity.end(), u, u + 3);
+    if (!t.accelerations) continue;
     const float* a = t.accelerations + 3 * p;
     const bool finite = std::isfinite(a[0]) && std::isfinite(a[1]) && std::isfinite(a[2]);
-    for (int i = 0; i < 3; ++i) to.acceleration.push_back(finite ? a[i] : 0);
-    to.accelerationWeight.push_back(finite ? 1 : 0);
+    for (int i = 0; i < 3; ++i) data.acceleration.push_back(finite ? a[i] : 0);
+    data.accelerationWeight.push_back(finite ? 1 : 0);
   }
-  if (s.fit.size() < 20)
-    throw std::invalid_argument(
-        "only " + std::to_string(s.fit.size()) +
-        " particles with finite velocities lie in the bounds; at least 20 are needed");
-  std::array<double, 3>& mean = s.fit.meanVelocity;
-  for (std::size_t k = 0; k < s.fit.velocity.size(); ++k)
-    mean[k % 3] += s.fit.velocity[k] / double(s.fit.size());
-  for (VICSharpData* d : {&s.fit, &s.heldOut})
-    for (std::size_t k = 0; k < d->velocity.size(); ++k) d->velocity[k] -= mean[k % 3];
-  s.heldOut.meanVelocity = mean;
-  return s;
+  if (data.size() < MinimumParticles)
+    throw std::invalid_argument("only " + std::to_string(data.size()) + " of " + std::to_string(t.count) +
+                                " particles lie in the bounds with finite velocities" +
+                                (body ? " and outside of the body" : "") + "; at least " +
+                                std::to_string(MinimumParticles) + " are needed");
+  return data;
 }
 
-/// Differences of a field from data at the sampler's points, three per point.
-std::vector<double> residuals(const TrilinearSampler<Real>& sampler, const Model::VectorField& field,
-                              const std::vector<double>& data) {
-  std::vector<double> r(data.size());
-  Vector sampled(sampler.size());
-  for (int i = 0; i < 3; ++i) {
-    sampler.sample(field[i].data(), sampled.data());
-    for (std::size_t p = 0; p < sampler.size(); ++p) r[3 * p + i] = sampled[p] - data[3 * p + i];
-  }
-  return r;
+double faceDistance(const Grid& g, const double* x) {
+  double least = 1e300;
+  for (int a = 0; a < 3; ++a)
+    least = std::min({least, x[a] - g.origin[a], g.origin[a] + (g.n[a] - 1) * g.spacing[a] - x[a]});
+  return least;
 }
 
-/// Per particle a weight that falls with the fourth power of its misfit beyond OutlierSigmas robust standard
-/// deviations.
-std::vector<double> outlierWeights(const std::vector<double>& residual) {
-  const std::size_t n = residual.size() / 3;
-  std::vector<double> size(n), weight(n, 1);
+/// Every m-th particle in the order of cells of about 4 particle spacings, so that those held out are spread
+/// as evenly as the particles and the choice depends on no random number.
+std::vector<std::size_t> heldOutParticles(const VICSharpData& data, const Grid& grid, double r, double part) {
+  const std::size_t n = data.size();
+  part = std::min(0.2, std::max(part, 100. / double(n))); // a hundred at least, to judge by
+  const int step = int(1 / part + 0.5);
+  std::vector<std::array<int, 3>> cell(n);
   for (std::size_t p = 0; p < n; ++p)
-    size[p] = std::hypot(residual[3 * p], residual[3 * p + 1], residual[3 * p + 2]);
-  std::vector<double> sorted = size;
-  std::nth_element(sorted.begin(), sorted.begin() + std::ptrdiff_t(n / 2), sorted.end());
-  const double limit =
-      OutlierSigmas * sorted[n / 2] / 1.538; // the median length of a 3-D normal vector is 1.538 sigma
-  for (std::size_t p = 0; p < n; ++p)
-    if (size[p] > limit && limit > 0) weight[p] = std::pow(limit / size[p], 4);
-  return weight;
+    for (int a = 0; a < 3; ++a)
+      cell[p][2 - a] = int(std::floor((data.position[3 * p + a] - grid.origin[a]) / (4 * r)));
+  std::vector<std::size_t> order(n), out;
+  std::iota(order.begin(), order.end(), std::size_t(0));
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::size_t a, std::size_t b) { return cell[a] < cell[b]; });
+  for (std::size_t e = step / 2; e < n; e += step) out.push_back(order[e]);
+  return out;
 }
 
-/// Ghost tracks count less: judged by both their velocity and their acceleration.
-void weighOutliers(VICSharpData& data, const Model& model) {
-  const TrilinearSampler<Real> sampler(model.grid(), data.position.data(), data.size());
-  data.velocityWeight = outlierWeights(residuals(sampler, model.velocity(), data.velocity));
-  if (data.acceleration.empty()) return;
-  const std::vector<double> byAcceleration =
-      outlierWeights(residuals(sampler, model.acceleration(), data.acceleration));
-  for (std::size_t p = 0; p < data.size(); ++p) {
-    data.velocityWeight[p] *= byAcceleration[p];
-    data.accelerationWeight[p] = data.accelerationWeight[p] > 0 ? data.velocityWeight[p] : 0;
-  }
+double median(std::vector<double> values) {
+  if (values.empty()) return 0;
+  const auto middle = values.begin() + values.size() / 2;
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
 }
 
-/// The unknowns of one model as a start for a finer one: c by interpolation, boundary values from the coarse
-/// solution.
-Vector prolong(Model& coarse, const Vector& x, Model& fine) {
-  coarse.forward(x);
-  Vector y(fine.size(), 0);
-  const Grid &from = coarse.grid(), &to = fine.grid();
-  const std::size_t boundary = fine.boundary().size();
-  for (std::size_t i = 0; i < 3; ++i) {
-    const Vector c = resample(from, x.data() + i * from.size(), to);
-    std::copy(c.begin(), c.end(), y.begin() + std::ptrdiff_t(i * to.size()));
-    const Vector u = resample(from, coarse.velocity()[i].data(), to);
-    for (std::size_t b = 0; b < boundary; ++b)
-      y[fine.boundaryVelocityOffset() + i * boundary + b] =
-          u[fine.boundary().node[b]] / Real(fine.constants().velocityScale);
-    if (!fine.hasAcceleration()) continue;
-    const Vector d = resample(from, coarse.rate()[i].data(), to);
-    for (std::size_t b = 0; b < boundary; ++b)
-      y[fine.boundaryRateOffset() + i * boundary + b] =
-          d[fine.boundary().node[b]] / Real(fine.constants().accelerationScale);
-  }
-  return y;
+std::vector<double> pick(const std::vector<double>& values, const std::vector<std::size_t>& which) {
+  std::vector<double> out;
+  for (std::size_t p : which) out.push_back(values[p]);
+  return out;
 }
 
-/// Decides after each iteration whether to go on, and keeps the best iterate where that is not the last.
-class StoppingRule {
+double rms(const std::vector<double>& values) {
+  double sum = 0;
+  for (double v : values) sum += v * v;
+  return values.empty() ? 0 : std::sqrt(sum / double(values.size()));
+}
+
+/// rms per component from squared lengths
+double rmsComponent(const std::vector<double>& squares) {
+  return squares.empty()
+             ? 0
+             : std::sqrt(std::accumulate(squares.begin(), squares.end(), 0.) / (3. * double(squares.size())));
+}
+
+/// Minimises the cost on one grid after the other.
+class Reconstruction {
 public:
-  StoppingRule(Model& model, const VICSharpData& heldOut, const VICSharpOptions& options, double velocityRms,
-               double accelerationRms)
-      : model_(model), heldOut_(heldOut), options_(options), velocityRms_(velocityRms),
-        accelerationRms_(accelerationRms) {
-    if (heldOut.size() > 0)
-      sampler_ =
-          std::make_unique<TrilinearSampler<Real>>(model.grid(), heldOut.position.data(), heldOut.size());
+  Reconstruction(const VICSharpData& data, const VICSharpConstants& constants, const VICSharpOptions& options)
+      : data_(data), constants_(constants), options_(options) {}
+
+  bool aborted() const { return aborted_; }
+  const Model& model() const { return *model_; }
+
+  /// To another grid, from a solution on any grid or from zero.
+  void moveTo(const Grid& grid, const VICSharpState* start) {
+    model_ = std::make_unique<Model>(grid, data_, constants_);
+    x_ = start ? model_->unknowns(*start) : std::vector<float>(model_->size(), 0.f);
+  }
+  void restart(double curvatureWeight, const VICSharpState& start) {
+    constants_.curvatureWeight = curvatureWeight;
+    model_->setConstants(constants_);
+    x_ = model_->unknowns(start);
   }
 
-  /// False: stop. The model's fields belong to the iterate or to a trial near it.
-  bool goOn(const Vector& x) { return sampler_ ? heldOutStillImproves(x) : misfitAboveNoise(x); }
-
-  const Vector* best() const { return best_.empty() ? nullptr : &best_; }
-  const char* reason() const {
-    return sampler_ ? "the misfit at the particles held out no longer fell"
-                    : "the misfit came down to the noise";
+  /// An iteration must gain the part `tolerance` of the variance of this noise.
+  void useNoise(double velocity, double acceleration, double tolerance) {
+    gain_ = 3 * square(velocity / constants_.velocityScale);
+    if (!data_.acceleration.empty())
+      gain_ += 3 * square(constants_.accelerationWeight * acceleration / constants_.accelerationScale);
+    gain_ *= tolerance;
   }
-  double velocityMisfit() const { return velocity_; }         ///< at the particles held out, m/s
-  double accelerationMisfit() const { return acceleration_; } ///< m/s2
+  /// Particles that miss by more than so many times this noise count linearly. From a poor start that would
+  /// be most of them, and the large scales would come slowly: so only once there is a solution.
+  void suppressOutliers(double velocityNoise, double accelerationNoise) {
+    constants_.velocityOutlier = options_.outliers * velocityNoise;
+    constants_.accelerationOutlier = options_.outliers * accelerationNoise;
+    if (model_) model_->setConstants(constants_);
+  }
+
+  /// Up to `maximum` iterations, fewer once an iteration gains less than the tolerance allows (mean of five).
+  LBFGSResult minimise(int maximum, const Progress& progress) {
+    constexpr std::size_t Window = 5;
+    LBFGSOptions options;
+    options.maximumIterations = maximum;
+    std::vector<double> values;
+    const auto goOnWith = [&](const LBFGSState& s, const std::vector<float>&) {
+      aborted_ = !goOn(progress, std::min(1., double(s.iteration) / maximum));
+      values.push_back(s.value);
+      const std::size_t n = values.size();
+      return !aborted_ && (n <= Window || values[n - 1 - Window] - values[n - 1] > Window * gain_);
+    };
+    return LBFGS<float>(options).minimise(
+        [&](const std::vector<float>& x, std::vector<float>& g) { return model_->cost(x, g); }, x_, goOnWith);
+  }
 
 private:
-  bool misfitAboveNoise(const Vector&) {
-    const auto& t = model_.terms();
-    const bool velocity = std::sqrt(t.velocity / 3) * velocityRms_ > options_.velocityNoise;
-    const bool acceleration = model_.hasAcceleration() && options_.accelerationNoise > 0 &&
-                              std::sqrt(t.acceleration / 3) * accelerationRms_ > options_.accelerationNoise;
-    return velocity || acceleration;
-  }
-
-  bool heldOutStillImproves(const Vector& x) {
-    if (++iteration_ % 2 != 0) return true;
-    const double velocity = rms(residuals(*sampler_, model_.velocity(), heldOut_.velocity));
-    double acceleration = 0, score = std::pow(velocity / velocityRms_, 2);
-    if (model_.hasAcceleration()) {
-      acceleration = rms(residuals(*sampler_, model_.acceleration(), heldOut_.acceleration));
-      score += std::pow(options_.accelerationWeight * acceleration / accelerationRms_, 2);
-    }
-    if (score < bestScore_) {
-      if (score < 0.998 * bestScore_) sinceBetter_ = 0;
-      bestScore_ = score;
-      best_ = x;
-      velocity_ = velocity;
-      acceleration_ = acceleration;
-    } else {
-      sinceBetter_ += 1;
-    }
-    return sinceBetter_ < 5;
-  }
-
-  Model& model_;
-  const VICSharpData& heldOut_;
+  const VICSharpData& data_;
+  VICSharpConstants constants_;
   const VICSharpOptions& options_;
-  double velocityRms_, accelerationRms_;
-  std::unique_ptr<TrilinearSampler<Real>> sampler_;
-  int iteration_ = 0, sinceBetter_ = 0;
-  double bestScore_ = std::numeric_limits<double>::infinity(), velocity_ = 0, acceleration_ = 0;
-  Vector best_;
+  std::unique_ptr<Model> model_;
+  std::vector<float> x_;
+  double gain_ = 0; ///< of J, that an iteration must bring
+  bool aborted_ = false;
 };
 
-/// One component of a field on the padded grid, cropped into component i of three per node.
-void crop(const Grid& from, const Real* field, int margin, double shift, int i, const Grid& to,
-          std::vector<float>& out) {
-  for (int k = 0; k < to.n[2]; ++k)
-    for (int j = 0; j < to.n[1]; ++j) {
-      const Real* row = field + from.index(margin, j + margin, k + margin);
-      float* target = out.data() + 3 * to.index(0, j, k) + i;
-      for (int n = 0; n < to.n[0]; ++n) target[3 * n] = float(row[n] + shift);
+/// Finds bc and the noise on one grid, with some particles held out.
+class Calibrator {
+public:
+  Calibrator(VICSharpData data, std::vector<std::size_t> heldOut, const VICSharpConstants& constants,
+             const VICSharpOptions& options)
+      : valid_(data.accelerationWeight), data_(withoutWeight(std::move(data), heldOut)),
+        heldOut_(std::move(heldOut)), constants_(constants), options_(options),
+        reconstruction_(data_, constants, options) {
+    for (std::size_t p = 0; p < data_.size(); ++p)
+      if (data_.velocityWeight[p] > 0) used_.push_back(p);
+  }
+
+  /// Tries bc = first/2, first/4 ... and, unless that helps, 2 first, 4 first ..., all for the same
+  /// number of iterations from the same solution. The best is the vertex of the parabola through the
+  /// lowest score and its neighbours, or a larger bc if that predicts the particles held out within 1 %
+  /// of the best.
+  VICSharpCalibration run(const Grid& grid, const Grid& coarse, const Progress& progress) {
+    const double first = constants_.curvatureWeight;
+    for (std::size_t p : heldOut_)
+      if (faceDistance(grid, &data_.position[3 * p]) > 1.5 * constants_.particleSpacing) judges_.push_back(p);
+    if (judges_.size() < 20) judges_ = heldOut_;
+    const auto part = [&](double from, double to) {
+      return [&progress, from, to](double f) { return goOn(progress, from + (to - from) * f); };
+    };
+    reconstruction_.moveTo(coarse, nullptr);
+    reconstruction_.minimise(60, part(0, 0.1));
+    VICSharpState start = reconstruction_.model().state();
+    if (reconstruction_.aborted()) return best_;
+    reconstruction_.moveTo(grid, &start);
+    reconstruction_.minimise(options_.curvatureWeight > 0 ? 60 : 40, part(0.1, 0.4));
+    best_ = measure(first);
+    if (options_.curvatureWeight > 0 || reconstruction_.aborted()) return best_;
+    reconstruction_.useNoise(best_.velocityNoise, best_.accelerationNoise, options_.tolerance);
+    reconstruction_.suppressOutliers(best_.velocityNoise, best_.accelerationNoise);
+    huber_ = best_;
+    start = reconstruction_.model().state();
+
+    constexpr int Most = 8;
+    std::vector<std::pair<double, double>> trials; // log bc, score
+    double lowest = 1e300;
+    const auto improves = [&](double weight) {
+      reconstruction_.restart(weight, start);
+      const double from = 0.4 + 0.6 * double(trials.size()) / Most;
+      reconstruction_.minimise(25, part(from, from + 0.6 / Most));
+      const double value = score();
+      trials.emplace_back(std::log(weight), value);
+      if (value >= lowest) return false;
+      lowest = value;
+      best_ = measure(weight);
+      return true;
+    };
+    improves(first);
+    for (double factor : {0.5, 2.}) {
+      int worse = 0;
+      for (double w = factor * first; worse < 2 && w > 7e-4 && w < 0.5 && !reconstruction_.aborted();
+           w *= factor)
+        worse = improves(w) ? 0 : worse + 1;
+      if (trials.size() > 3) break; // it was better further down: no need to look up
     }
+    best_.curvatureWeight = std::exp(smoothest(trials, lowest));
+    return best_;
+  }
+  bool aborted() const { return reconstruction_.aborted(); }
+
+private:
+  static VICSharpData withoutWeight(VICSharpData data, const std::vector<std::size_t>& particles) {
+    data.velocityWeight.assign(data.size(), 1);
+    for (std::size_t p : particles) {
+      data.velocityWeight[p] = 0;
+      if (!data.acceleration.empty()) data.accelerationWeight[p] = 0;
+    }
+    return data;
+  }
+
+  static double smoothest(std::vector<std::pair<double, double>> trials, double lowest) {
+    std::sort(trials.begin(), trials.end());
+    std::size_t b = 0;
+    for (std::size_t t = 0; t < trials.size(); ++t)
+      if (trials[t].second == lowest) b = t;
+    double chosen = trials[b].first;
+    if (b > 0 && b + 1 < trials.size()) {
+      const double left = trials[b - 1].second - lowest, right = trials[b + 1].second - lowest;
+      chosen += 0.5 * (left - right) / (left + right) * (trials[b + 1].first - trials[b].first);
+    }
+    for (const auto& [weight, score] : trials)
+      if (score <= 1.01 * lowest) chosen = std::max(chosen, weight);
+    return chosen;
+  }
+
+  VICSharpCalibration measure(double weight) const {
+    const auto estimate = [&](const std::vector<double>& used, const std::vector<double>& heldOut) {
+      // median of |m|^2 = 2.366 s^2 for three Gaussian components
+      return std::sqrt(std::sqrt(median(used) * median(heldOut)) / 2.366);
+    };
+    const Model& model = reconstruction_.model();
+    const std::vector<double>&u = model.velocityMisfits(), &a = model.accelerationMisfits();
+    VICSharpCalibration c;
+    c.curvatureWeight = weight;
+    c.velocityNoise =
+        options_.velocityNoise > 0 ? options_.velocityNoise : estimate(pick(u, used_), pick(u, heldOut_));
+    c.velocityHeldOut = rmsComponent(pick(u, heldOut_));
+    if (!model.hasAccelerationData()) return c;
+    const std::vector<double> heldOut = pick(a, accelerated(heldOut_));
+    c.accelerationNoise = options_.accelerationNoise > 0 ? options_.accelerationNoise
+                                                         : estimate(pick(a, accelerated(used_)), heldOut);
+    c.accelerationHeldOut = rmsComponent(heldOut);
+    return c;
+  }
+
+  /// Those of the particles that have an acceleration.
+  std::vector<std::size_t> accelerated(const std::vector<std::size_t>& particles) const {
+    std::vector<std::size_t> out;
+    for (std::size_t p : particles)
+      if (valid_[p] > 0) out.push_back(p);
+    return out;
+  }
+
+  /// Mean of the data terms of J over the particles held out.
+  double score() const {
+    const Model& model = reconstruction_.model();
+    const double su2 = square(constants_.velocityScale),
+                 sa2 = square(constants_.accelerationScale / constants_.accelerationWeight);
+    double sum = 0;
+    for (std::size_t p : judges_) {
+      sum += Huber(model.velocityMisfits()[p], options_.outliers * huber_.velocityNoise).value / su2;
+      if (model.hasAccelerationData() && valid_[p] > 0)
+        sum +=
+            Huber(model.accelerationMisfits()[p], options_.outliers * huber_.accelerationNoise).value / sa2;
+    }
+    return sum / double(judges_.size());
+  }
+
+  std::vector<double> valid_; ///< 1 for particles with an acceleration
+  VICSharpData data_;
+  std::vector<std::size_t> heldOut_, used_;
+  std::vector<std::size_t> judges_; ///< those held out that are not near the faces
+  VICSharpConstants constants_;
+  const VICSharpOptions& options_;
+  Reconstruction reconstruction_;
+  VICSharpCalibration best_, huber_;
+};
+
+/// The part of the data within a grid.
+VICSharpData within(const VICSharpData& data, const Grid& grid) {
+  VICSharpData out;
+  out.meanVelocity = data.meanVelocity;
+  for (std::size_t p = 0; p < data.size(); ++p) {
+    const double* x = &data.position[3 * p];
+    if (!within(grid, x)) continue;
+    out.position.insert(out.position.end(), x, x + 3);
+    out.velocity.insert(out.velocity.end(), &data.velocity[3 * p], &data.velocity[3 * p] + 3);
+    if (data.acceleration.empty()) continue;
+    out.acceleration.insert(out.acceleration.end(), &data.acceleration[3 * p], &data.acceleration[3 * p] + 3);
+    out.accelerationWeight.push_back(data.accelerationWeight[p]);
+  }
+  return out;
 }
 
-/// Central differences of the velocity: vorticity, and how far the velocity is from divergence free.
-void differentiate(Model& model, int margin, VICSharpResult& result) {
-  const Grid& g = model.grid();
-  const Stencils<Real> stencils(g);
-  std::array<Vector, 9> gradient; // d u_i / d x_j at 3 i + j
-  for (int i = 0; i < 3; ++i)
-    for (int j = 0; j < 3; ++j) {
-      gradient[3 * i + j].resize(g.size());
-      forEachRow<Real>(g, 1, [&](int row, int layer, RowBuffers<Real>&) {
-        stencils.derivative(model.velocity()[i].data(), j, row, layer,
-                            gradient[3 * i + j].data() + g.index(0, row, layer));
-      });
-    }
-  double divergence = 0, size = 0;
-  Vector curl(g.size());
-  for (int i = 0; i < 3; ++i) {
-    const Vector &plus = gradient[3 * ((i + 2) % 3) + (i + 1) % 3],
-                 &minus = gradient[3 * ((i + 1) % 3) + (i + 2) % 3];
-    for (std::size_t p = 0; p < g.size(); ++p) curl[p] = plus[p] - minus[p];
-    crop(g, curl.data(), margin, 0, i, result.grid, result.vorticity);
+/// The whole grid if it has few nodes, else the liveliest of many parts of it with about that many: the
+/// same shape, with the largest sum of squared velocity fluctuations.
+Grid calibrationGrid(const Grid& grid, const VICSharpData& data, double nodes) {
+  const double scale = std::cbrt(nodes / double(grid.size()));
+  if (scale >= 1) return grid;
+  Grid part = grid;
+  constexpr int Places = 7; // per axis
+  int step[3];
+  for (int a = 0; a < 3; ++a) {
+    part.n[a] = std::max(std::min(grid.n[a], 8), int(scale * grid.n[a]));
+    step[a] = grid.n[a] - part.n[a];
   }
-  for (int k = margin; k < g.n[2] - margin; ++k)
-    for (int j = margin; j < g.n[1] - margin; ++j)
-      for (int i = margin; i < g.n[0] - margin; ++i) {
-        const std::size_t p = g.index(i, j, k);
-        divergence += std::pow(gradient[0][p] + gradient[4][p] + gradient[8][p], 2);
-        for (const Vector& d : gradient) size += double(d[p]) * d[p];
+  const auto at = [&](int place) {
+    Grid g = part;
+    for (int a = 0; a < 3; ++a, place /= Places)
+      g.origin[a] += place % Places * step[a] / (Places - 1) * grid.spacing[a];
+    return g;
+  };
+  double most = -1;
+  Grid best = part;
+  for (int place = 0; place < Places * Places * Places; ++place) {
+    const Grid g = at(place);
+    double energy = 0;
+    for (std::size_t p = 0; p < data.size(); ++p) {
+      bool inside = true;
+      for (int a = 0; a < 3; ++a) {
+        const double s = (data.position[3 * p + a] - g.origin[a]) / g.spacing[a];
+        inside = inside && s >= 0 && s <= g.n[a] - 1;
       }
-  result.divergenceNorm = size > 0 ? std::sqrt(divergence / size) : 0;
+      if (inside)
+        energy += square(data.velocity[3 * p]) + square(data.velocity[3 * p + 1]) +
+                  square(data.velocity[3 * p + 2]);
+    }
+    if (energy > most) most = energy, best = g;
+  }
+  return best;
+}
+
+/// The data, the grid and the constants of one reconstruction.
+struct Problem {
+  double spacing; ///< r
+  int margin;     ///< nodes that the model's grid has beyond the output's
+  Grid grid;
+  VICSharpData data;
+  VICSharpConstants constants;
+};
+
+double volume(const Grid& g) {
+  double v = 1;
+  for (int a = 0; a < 3; ++a) v *= (g.n[a] - 1) * g.spacing[a];
+  return v;
+}
+
+Problem problem(const VICSharpTracks& tracks, const VICSharpOptions& options) {
+  check(tracks, options);
+  Problem p;
+  p.spacing = std::cbrt(volume(options.grid) / double(usable(tracks, options.grid, options.body).size()));
+  p.margin = int(std::ceil(options.padding * p.spacing / options.grid.spacing[0] - 1e-6));
+  p.grid = padded(options.grid, p.margin);
+  p.data = usable(tracks, p.grid, options.body);
+  std::array<double, 3>& mean = p.data.meanVelocity;
+  const std::size_t n = p.data.size();
+  for (std::size_t e = 0; e < 3 * n; ++e) mean[e % 3] += p.data.velocity[e] / double(n);
+  for (std::size_t e = 0; e < 3 * n; ++e) p.data.velocity[e] -= mean[e % 3];
+
+  VICSharpConstants& k = p.constants;
+  k.viscosity = options.viscosity;
+  k.particleSpacing = p.spacing;
+  double speed = 1e-30;
+  for (double m : mean) speed = std::max(speed, std::abs(m));
+  const double su = rms(p.data.velocity), sa = rms(p.data.acceleration);
+  k.velocityScale = su > 1e-9 * speed ? su : speed; // fluid at rest
+  k.accelerationScale = sa > 0 ? sa : square(k.velocityScale) / p.spacing;
+  if (sa == 0) p.data.acceleration.clear(), p.data.accelerationWeight.clear();
+  k.accelerationWeight = options.accelerationWeight > 0 ? options.accelerationWeight : 0.3;
+  if (options.accelerationWeight == 0 && options.velocityNoise > 0 && options.accelerationNoise > 0)
+    k.accelerationWeight = std::clamp(options.velocityNoise * k.accelerationScale /
+                                          (options.accelerationNoise * k.velocityScale),
+                                      0.1, 0.5);
+  k.divergenceWeight = options.divergenceWeight;
+  k.vorticityDivergenceWeight = options.vorticityDivergenceWeight;
+  k.accelerationDivergenceWeight = options.accelerationDivergenceWeight;
+  k.navierStokesWeight = options.navierStokesWeight;
+  k.curvatureWeight = options.curvatureWeight > 0 ? options.curvatureWeight : 0.0125;
+  return p;
+}
+
+Progress part(const Progress& progress, double from, double to) {
+  return [&progress, from, to](double f) { return goOn(progress, from + (to - from) * f); };
+}
+
+/// On a part of the volume, at about half the particle spacing.
+std::optional<VICSharpCalibration> calibrate(const Problem& whole, const VICSharpOptions& options,
+                                             const Progress& progress) {
+  const bool known = options.curvatureWeight > 0 && options.velocityNoise > 0 &&
+                     (options.accelerationNoise > 0 || whole.data.acceleration.empty());
+  if (known)
+    return VICSharpCalibration{options.curvatureWeight, options.velocityNoise, options.accelerationNoise};
+  const Grid grid =
+      calibrationGrid(coarseGrid(whole.grid, std::max(1., 0.5 * whole.spacing / whole.grid.spacing[0])),
+                      whole.data, CalibrationNodes);
+  VICSharpData data = within(whole.data, grid);
+  const auto heldOut = heldOutParticles(data, grid, whole.spacing, options.heldOut);
+  Calibrator calibrator(std::move(data), heldOut, whole.constants, options);
+  const VICSharpCalibration found = calibrator.run(grid, coarseGrid(grid, 2), progress);
+  if (calibrator.aborted()) return {};
+  return found;
+}
+
+/// Velocity, vorticity, acceleration and pressure on the output's part of the model's grid.
+void writeFields(const Model& model, const Problem& p, VICSharpResult& result) {
+  const Grid& to = result.grid;
+  const Stencils<float> stencils(p.grid, model.constants().order);
+  const int m = p.margin;
+  for (auto* field : {&result.velocity, &result.vorticity}) field->resize(3 * to.size());
+  if (model.hasRate()) result.acceleration.resize(3 * to.size());
+  if (model.hasPressure()) result.pressure.resize(to.size());
+  double meanPressure = 0;
+  const auto sums = sumOverRows<float, 2>(to, 0, [&](int j, int k, RowBuffers<float>&) {
+    RowBuffers<float> g(p.grid.n[0], 9); // d u_i / d x_j at 3 i + j
+    for (int i = 0; i < 3; ++i)
+      for (int l = 0; l < 3; ++l)
+        stencils.derivative(model.velocity()[i].data(), l, j + m, k + m, g(3 * i + l));
+    double divergence = 0, gradient = 0;
+    for (int i = 0; i < to.n[0]; ++i) {
+      const std::size_t node = p.grid.index(i + m, j + m, k + m), out = to.index(i, j, k);
+      const int e = i + m;
+      for (int c = 0; c < 3; ++c) {
+        const int l = (c + 1) % 3, n = (c + 2) % 3;
+        result.velocity[3 * out + c] = float(double(model.velocity()[c][node]) + p.data.meanVelocity[c]);
+        result.vorticity[3 * out + c] = g(3 * n + l)[e] - g(3 * l + n)[e];
+        if (model.hasRate()) result.acceleration[3 * out + c] = model.acceleration()[c][node];
+      }
+      if (model.hasPressure()) result.pressure[out] = model.pressure()[node];
+      divergence += square(double(g(0)[e]) + double(g(4)[e]) + double(g(8)[e]));
+      for (int c = 0; c < 9; ++c) gradient += square(double(g(c)[e]));
+    }
+    return std::array<double, 2>{divergence, gradient};
+  });
+  result.divergenceNorm = sums[1] > 0 ? std::sqrt(sums[0] / sums[1]) : 0;
+  for (float value : result.pressure) meanPressure += double(value) / double(to.size());
+  for (float& value : result.pressure) value -= float(meanPressure);
 }
 
 /// Nodes inside the body move with it.
@@ -285,138 +517,64 @@ void maskBody(const Body& body, VICSharpResult& r) {
         const std::size_t p = r.grid.index(i, j, k);
         r.mask[p] = 1;
         Eigen::Map<Eigen::Vector3f>(r.velocity.data() + 3 * p) = body.velocityAt(at).cast<float>();
-        Eigen::Map<Eigen::Vector3f>(r.acceleration.data() + 3 * p) = body.accelerationAt(at).cast<float>();
+        if (!r.acceleration.empty())
+          Eigen::Map<Eigen::Vector3f>(r.acceleration.data() + 3 * p) = body.accelerationAt(at).cast<float>();
         Eigen::Map<Eigen::Vector3f>(r.vorticity.data() + 3 * p) = (2 * body.angularVelocity).cast<float>();
       }
 }
 
-void check(const VICSharpTracks& t, const VICSharpOptions& o) {
-  if (t.count == 0 || !t.positions || !t.velocities) throw std::invalid_argument("there are no particles");
-  for (int a = 0; a < 3; ++a)
-    if (o.grid.n[a] < 5 || !(o.grid.spacing[a] > 0))
-      throw std::invalid_argument(
-          "the grid needs at least 5 nodes along every axis and a spacing greater than 0");
-  if (std::abs(o.grid.spacing[0] / o.grid.spacing[1] - 1) > 1e-6 ||
-      std::abs(o.grid.spacing[0] / o.grid.spacing[2] - 1) > 1e-6)
-    throw std::invalid_argument("the grid must have the same spacing along all axes");
-  if (o.viscosity < 0 || o.maximumIterations < 1 || o.padding < 0)
-    throw std::invalid_argument(
-        "viscosity and padding must not be negative, and at least one iteration must be allowed");
-}
-
 } // namespace
 
+std::optional<VICSharpCalibration>
+calibrateVICSharp(const VICSharpTracks& tracks, const VICSharpOptions& options, const Progress& progress) {
+  return calibrate(problem(tracks, options), options, progress);
+}
+
 VICSharpResult vicSharp(const VICSharpTracks& tracks, const VICSharpOptions& options,
-                        const std::shared_ptr<const void>& warm, const Progress& progress) {
-  check(tracks, options);
+                        const VICSharpCalibration* calibration, const VICSharpState* start,
+                        const Progress& progress) {
+  Problem p = problem(tracks, options);
   VICSharpResult result;
   result.grid = options.grid;
-  const double h = options.grid.spacing[0];
-  const bool holdOut = options.velocityNoise <= 0;
-  const auto boxVolume = [](const Grid& g) {
-    return g.spacing[0] * g.spacing[1] * g.spacing[2] * (g.n[0] - 1.) * (g.n[1] - 1.) * (g.n[2] - 1.);
-  };
-  double spacing = std::cbrt(boxVolume(options.grid) /
-                             double(split(tracks, options.grid, options.body, false).fit.size()));
-  const int margin = int(std::ceil(options.padding * spacing / h));
-  const Grid fine = padded(options.grid, margin);
-  Split data = split(tracks, fine, options.body, holdOut);
-  result.particlesUsed = data.fit.size() + data.heldOut.size();
+  result.particlesUsed = p.data.size();
+  result.particleSpacing = p.spacing;
+  const auto found = calibration ? *calibration : calibrate(p, options, part(progress, 0, 0.3));
+  result.aborted = !found;
+  if (result.aborted) return result;
+  result.calibration = *found;
+  p.constants.curvatureWeight = found->curvatureWeight;
 
-  VICSharpConstants constants;
-  constants.viscosity = options.viscosity;
-  constants.particleSpacing = spacing;
-  constants.velocityScale = std::max(rms(data.fit.velocity), 1e-12);
-  const double accelerationRms = rms(data.fit.acceleration);
-  const bool accelerations = accelerationRms > 0;
-  if (!accelerations) data.fit.acceleration.clear(), data.fit.accelerationWeight.clear();
-  constants.accelerationScale =
-      accelerations ? accelerationRms : std::pow(constants.velocityScale, 2) / spacing;
-  constants.accelerationWeight = accelerations ? options.accelerationWeight : 0;
-  constants.divergenceWeight = constants.vorticityDivergenceWeight = options.divergenceWeight;
-  constants.accelerationDivergenceWeight = accelerations ? options.divergenceWeight : 0;
-  constants.navierStokesWeight = accelerations ? options.navierStokesWeight : 0;
-
-  std::vector<Grid> grids{fine};
-  const auto* start = static_cast<const Solution*>(warm.get());
-  if (!start || !sameGrid(start->grid, fine))
-    for (double s = 2 * h; s < 1.3 * spacing; s *= 2) grids.insert(grids.begin(), coarser(fine, s));
-
-  std::unique_ptr<Model> model;
-  Vector x;
-  for (std::size_t level = 0; level < grids.size(); ++level) {
-    const bool finest = level + 1 == grids.size();
-    auto next = std::make_unique<Model>(grids[level], data.fit, constants);
-    if (model) {
-      x = prolong(*model, x, *next);
-    } else if (start && sameGrid(start->grid, fine) && start->x.size() == next->size()) {
-      x = start->x; // in units of that snapshot's scales
-      const Real su = Real(start->velocityScale / constants.velocityScale),
-                 sa = Real(start->accelerationScale / constants.accelerationScale);
-      for (std::size_t i = 0; i < x.size(); ++i) x[i] *= i < next->boundaryRateOffset() ? su : sa;
-      next->forward(x);
-      weighOutliers(data.fit, *next);
-      next = std::make_unique<Model>(grids[level], data.fit, constants);
-    } else {
-      x.assign(next->size(), 0);
-    }
-    model = std::move(next);
-
-    StoppingRule rule(*model, data.heldOut, options, constants.velocityScale, constants.accelerationScale);
-    LBFGSOptions limits;
-    limits.maximumIterations =
-        finest ? options.maximumIterations : std::min(options.maximumIterations, level == 0 ? 30 : 60);
-    const int iterations = limits.maximumIterations;
-    const auto solved = LBFGS<Real>(limits).minimise(
-        [&](const Vector& at, Vector& gradient) { return model->cost(at, gradient); }, x,
-        [&](const LBFGSState& state, const Vector& at) {
-          result.aborted =
-              !goOn(progress, (double(level) + double(state.iteration) / iterations) / double(grids.size()));
-          return !result.aborted && rule.goOn(at);
-        });
+  std::vector<double> factors{1};
+  while (!start && 2 * factors.back() * options.grid.spacing[0] <= 1.3 * p.spacing)
+    factors.push_back(2 * factors.back());
+  Reconstruction reconstruction(p.data, p.constants, options);
+  auto state = start ? std::make_shared<VICSharpState>(*start) : nullptr;
+  LBFGSResult outcome;
+  for (std::size_t level = factors.size(); level-- > 0;) {
+    if (state) reconstruction.suppressOutliers(found->velocityNoise, found->accelerationNoise);
+    // The large scales converge slowly, and cost an eighth on the next coarser grid: well converged there.
+    reconstruction.useNoise(found->velocityNoise, found->accelerationNoise,
+                            options.tolerance * (level == 0 ? 1 : 0.1));
+    reconstruction.moveTo(level == 0 ? p.grid : coarseGrid(p.grid, factors[level]), state.get());
+    outcome = level == 0 ? reconstruction.minimise(options.maximumIterations, part(progress, 0.4, 1))
+                         : reconstruction.minimise(1000, part(progress, 0.3, 0.4));
+    result.aborted = reconstruction.aborted();
     if (result.aborted) return result;
-    result.iterations += solved.iterations;
-    result.stop = solved.status == LBFGSStatus::StoppedByCaller ? rule.reason()
-                  : solved.status == LBFGSStatus::MaximumIterations
-                      ? "the largest number of iterations was reached"
-                      : "the minimum was reached";
-    if (rule.best()) x = *rule.best();
-    if (finest) {
-      result.velocityNoise = holdOut ? rule.velocityMisfit() : options.velocityNoise;
-      result.accelerationNoise = holdOut ? rule.accelerationMisfit() : options.accelerationNoise;
-    } else {
-      model->forward(x);
-      weighOutliers(data.fit, *model);
-    }
+    state = std::make_shared<VICSharpState>(reconstruction.model().state());
   }
 
-  auto solution = std::make_shared<Solution>();
-  *solution = {fine, x, constants.velocityScale, constants.accelerationScale};
-  result.warm = solution;
-  if (!model->hasAcceleration()) { // the same vorticity, with the acceleration that follows from it
-    VICSharpData none = data.fit;
-    none.acceleration.assign(none.velocity.size(), 0);
-    constants.accelerationWeight = 1;
-    auto with = std::make_unique<Model>(fine, none, constants);
-    x.resize(with->size(), 0);
-    model = std::move(with);
-  }
-  Vector unused(model->size());
-  model->cost(x, unused);
-  const auto overNoise = [](double misfit, double noise) { return noise > 0 ? misfit / noise : 0; };
-  result.velocityMisfit =
-      overNoise(std::sqrt(model->terms().velocity / 3) * constants.velocityScale, result.velocityNoise);
-  if (accelerations)
-    result.accelerationMisfit = overNoise(
-        std::sqrt(model->terms().acceleration / 3) * constants.accelerationScale, result.accelerationNoise);
-  for (std::vector<float>* field : {&result.velocity, &result.vorticity, &result.acceleration})
-    field->assign(3 * result.grid.size(), 0);
-  for (int i = 0; i < 3; ++i) {
-    crop(fine, model->velocity()[i].data(), margin, data.fit.meanVelocity[i], i, result.grid,
-         result.velocity);
-    crop(fine, model->acceleration()[i].data(), margin, 0, i, result.grid, result.acceleration);
-  }
-  differentiate(*model, margin, result);
+  const Model& model = reconstruction.model();
+  result.state = state;
+  result.iterations = outcome.iterations;
+  result.stop = outcome.status == LBFGSStatus::MaximumIterations
+                    ? "the largest number of iterations was reached"
+                    : "an iteration no longer gained anything beside the noise";
+  const auto overNoise = [](const std::vector<double>& squares, double noise) {
+    return noise > 0 ? rmsComponent(squares) / noise : 0;
+  };
+  result.velocityMisfit = overNoise(model.velocityMisfits(), found->velocityNoise);
+  result.accelerationMisfit = overNoise(model.accelerationMisfits(), found->accelerationNoise);
+  writeFields(model, p, result);
   if (options.body) maskBody(*options.body, result);
   goOn(progress, 1);
   return result;

@@ -2,6 +2,7 @@
 #include "Body.h"
 #include "Grid.h"
 #include "Progress.h"
+#include "VICSharpModel.h"
 
 #include <array>
 #include <memory>
@@ -23,46 +24,66 @@ struct VICSharpTracks {
 struct VICSharpOptions {
   Grid grid;                    ///< where the result is wanted; the same spacing along all axes
   double viscosity = 1.1e-6;    ///< nu, m2/s, >= 0
-  double velocityNoise = 0;     ///< standard deviation per component, m/s; 0: unknown
-  double accelerationNoise = 0; ///< standard deviation per component, m/s2; 0: unknown
+  double velocityNoise = 0;     ///< standard deviation per component, m/s; 0: estimated
+  double accelerationNoise = 0; ///< standard deviation per component, m/s2; 0: estimated
   int maximumIterations = 100;  ///< on the finest grid, >= 1
-  double accelerationWeight =
-      0.3; ///< alpha: of the acceleration misfit over the velocity misfit, both over their rms
-  double divergenceWeight = 0.1;   ///< bu = bw = bd
-  double navierStokesWeight = 0.1; ///< bn
-  double padding = 0.5;            ///< computed beyond the faces of the grid, in mean particle spacings, >= 0
-  std::optional<Body> body;        ///< particles inside are dropped; nodes inside carry its motion
+  double tolerance = 0.005; ///< stop when an iteration gains less than this part of the noise variance, > 0
+  double padding = 1;       ///< computed beyond the faces of the grid, in mean particle spacings, >= 0
+  double accelerationWeight = 0; ///< alpha, >= 0; 0: from the noise levels where both are given, else 0.3
+  double divergenceWeight = 0.1; ///< bu, and likewise the next three, >= 0
+  double vorticityDivergenceWeight = 0.1;
+  double accelerationDivergenceWeight = 0.1;
+  double navierStokesWeight = 0.1;
+  double curvatureWeight = 0; ///< bc, >= 0; 0: found with particles held out
+  double heldOut = 0.05;      ///< part of the particles held out while bc is sought, 0 < and < 0.5
+  double outliers = 5; ///< misses by more than so many standard deviations count linearly, >= 0; 0: never
+  std::optional<Body> body; ///< particles inside are dropped; nodes inside carry its motion
 };
+
+/// What the data say about themselves.
+struct VICSharpCalibration {
+  double curvatureWeight = 0;                          ///< bc, given or found
+  double velocityNoise = 0, accelerationNoise = 0;     ///< per component, given or estimated: m/s, m/s2
+  double velocityHeldOut = 0, accelerationHeldOut = 0; ///< rms misfit of particles held out: m/s, m/s2
+};
+
+/// A solution, to start another one from.
+using VICSharpState = VICSharpModel<float>::State;
 
 struct VICSharpResult {
   bool aborted = false; ///< then nothing else counts
   Grid grid;
   std::vector<float> velocity, vorticity, acceleration; ///< three per node: m/s, 1/s, m/s2
+  std::vector<float> pressure;                          ///< over density, mean 0: m2/s2
   std::vector<unsigned char> mask;                      ///< 1 inside the body; empty without one
-  int iterations = 0;                                   ///< on all grids
-  double velocityMisfit = 0, accelerationMisfit = 0;    ///< rms per component over the noise
-  double divergenceNorm = 0;                            ///< rms of div u over rms of |grad u|
-  double velocityNoise = 0, accelerationNoise = 0;      ///< given, or the misfit at the particles held out
+  VICSharpCalibration calibration;
+  int iterations = 0;                                ///< on the finest grid
+  double velocityMisfit = 0, accelerationMisfit = 0; ///< rms per component over the noise
+  double divergenceNorm = 0;                         ///< rms of div u over rms of |grad u|
   std::size_t particlesUsed = 0;
-  std::string stop;                 ///< why the iteration ended
-  std::shared_ptr<const void> warm; ///< a start for the next snapshot
+  double particleSpacing = 0; ///< r, m
+  std::string stop;           ///< why the iteration ended
+  std::shared_ptr<const VICSharpState> state;
 };
 
-/// The flow on a grid from particle tracks (see VICSharpModel.h for the cost function), coarse to fine: on
-/// grids of about the mean particle spacing r, r/2, ... down to the one asked for, starting from zero, or
-/// from `warm` on the finest alone.
-///
-/// With noisy data the error falls with the iterations and then rises again, as the fit begins to follow the
-/// noise. So the iteration stops when the misfit has come down to the noise, where that is given. Where it is
-/// not, every 20th particle is held out, and the iterate that fits those best is taken: the misfit at
-/// particles that the fit has not seen falls and rises with the error. maximumIterations only bounds the
-/// time.
-///
-/// Particles whose velocity or acceleration misfits on the next coarser grid by more than four robust
-/// standard deviations count less (ghost tracks). Without accelerations, the acceleration is that of the
-/// vorticity equation with du/dt = 0 on the faces. Throws std::invalid_argument when there is too little to
-/// go on.
+/// Finds bc, the weight of smoothness, and the noise levels where they are not given, on a part of the
+/// volume: every so-manieth particle is held out, and bc is lowered until those are predicted no better. The
+/// noise is the geometric mean of the misfits of particles used and held out (generalised cross-validation:
+/// with n data and f degrees of freedom these are s^2 (1 - f/n) and s^2/(1 - f/n)). Empty when aborted.
+/// Throws as vicSharp.
+std::optional<VICSharpCalibration> calibrateVICSharp(const VICSharpTracks& tracks,
+                                                     const VICSharpOptions& options,
+                                                     const Progress& progress = {});
+
+/// The flow on a grid from particle tracks: the minimum of VICSharpModel's cost, coarse to fine, on grids of
+/// about the mean particle spacing r, r/2, ... down to the one asked for; or from `start` on the finest
+/// alone. Iterations go on until they gain less than `tolerance` of the noise variance. The result does not
+/// depend on the number of threads. calibration: that of another snapshot of the same experiment, or null for
+/// one of its own. Without accelerations, the acceleration is that of the vorticity equation with the
+/// boundary values that fit the Navier-Stokes equations best. Throws std::invalid_argument when there is too
+/// little to go on.
 VICSharpResult vicSharp(const VICSharpTracks& tracks, const VICSharpOptions& options,
-                        const std::shared_ptr<const void>& warm = {}, const Progress& progress = {});
+                        const VICSharpCalibration* calibration = nullptr,
+                        const VICSharpState* start = nullptr, const Progress& progress = {});
 
 } // namespace rimflow

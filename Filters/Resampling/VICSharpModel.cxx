@@ -2,6 +2,7 @@
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
+#include <cmath>
 
 namespace rimflow {
 namespace {
@@ -9,6 +10,11 @@ namespace {
 template <class Real>
 void allocate(std::array<std::vector<Real>, 3>& field, std::size_t n) {
   for (auto& component : field) component.assign(n, 0);
+}
+
+template <class Real>
+std::array<Real*, 3> pointers(std::array<std::vector<Real>, 3>& field) {
+  return {field[0].data(), field[1].data(), field[2].data()};
 }
 
 template <class Real>
@@ -29,26 +35,177 @@ double squares(const Real* a, int n) {
   return sum;
 }
 
+double square(double v) { return v * v; }
+
+std::array<AxisBasis, 3> cosines(const Grid& grid) {
+  return {neumannBasis(grid.n[0], grid.spacing[0]), neumannBasis(grid.n[1], grid.spacing[1]),
+          neumannBasis(grid.n[2], grid.spacing[2])};
+}
+
 } // namespace
 
 template <class Real>
 VICSharpModel<Real>::VICSharpModel(const Grid& grid, const VICSharpData& data,
                                    const VICSharpConstants& constants)
-    : grid_(grid), constants_(constants), stencils_(grid), poisson_(grid), boundary_(grid),
-      sampler_(grid, data.position.data(), data.size()), velocityData_(byComponent<Real>(data.velocity)),
+    : grid_(grid), constants_(constants), stencils_(grid, constants.order), poisson_(grid), boundary_(grid),
+      sampler_(grid, data.position.data(), data.size(), constants.order),
+      velocityData_(byComponent<Real>(data.velocity)),
       accelerationData_(byComponent<Real>(data.acceleration)),
       velocityWeight_(data.velocityWeight.begin(), data.velocityWeight.end()),
       accelerationWeight_(data.accelerationWeight.begin(), data.accelerationWeight.end()) {
-  if (data.acceleration.empty()) constants_.accelerationWeight = 0;
-  for (int c = 0; c < 3; ++c) mean_[c] = Real(data.meanVelocity[c]);
+  for (int c = 0; c < 3; ++c) {
+    mean_[c] = Real(data.meanVelocity[c]);
+    areaOverVolume_ += 2 / ((grid.n[c] - 1) * grid.spacing[c]);
+  }
   const std::size_t n = grid_.size();
   allocate(w_, n), allocate(u_, n), allocate(wBar_, n), allocate(uBar_, n);
-  if (hasAcceleration())
+  uBoundary_.resize(3 * boundary_.size());
+  boundaryBar_.resize(3 * boundary_.size());
+  scalar_.resize(n);
+  if (hasRate()) {
     allocate(q_, n), allocate(d_, n), allocate(a_, n), allocate(aBar_, n), allocate(dBar_, n);
+    dBoundary_.resize(3 * boundary_.size());
+  }
   if (hasPressure()) {
     p_.assign(n, 0);
     pressurePoisson_ = std::make_unique<BoxPoisson<Real>>(
         grid_, std::array<AxisBasis, 3>{normalBasis(0), normalBasis(1), normalBasis(2)});
+  }
+  makeFaceLaplacian();
+  if (constants_.precondition) makePreconditioners();
+}
+
+template <class Real>
+void VICSharpModel<Real>::setConstants(const VICSharpConstants& constants) {
+  const bool again = constants.precondition && constants.curvatureWeight != constants_.curvatureWeight;
+  constants_ = constants;
+  if (again) makePreconditioners();
+}
+
+// F, Fb, Fe = H^-1/2, with H the Hessian of J for one wave of wavenumber k (times the number of nodes, so
+// that every unknown has the same scale): of the vorticity in an unbounded fluid, and of a boundary value
+// that falls off as exp(-k z) inwards.
+template <class Real>
+void VICSharpModel<Real>::makePreconditioners() {
+  const VICSharpConstants& k = constants_;
+  double advectingSpeed2 = 3 * square(k.velocityScale);
+  for (Real m : mean_) advectingSpeed2 += square(m);
+  const double r = k.particleSpacing, longest = 0.25, // (k r)^2 of the longest waves that are told apart
+      alpha2 = hasAccelerationData() ? square(k.accelerationWeight) : 0,
+               advection = alpha2 * advectingSpeed2 / square(r * k.accelerationScale),
+               bc2 = square(k.curvatureWeight), bu2 = square(k.divergenceWeight),
+               bd2 = square(k.accelerationDivergenceWeight), thickness = r * areaOverVolume_;
+  const auto vorticity = [=](double eigenvalue) {
+    const double k2 = -eigenvalue * r * r;
+    return 0.25 / (k2 + longest) + 0.25 * advection + bc2 * k2 * k2;
+  };
+  smooth_ = std::make_unique<BoxPoisson<Real>>(grid_, cosines(grid_),
+                                               [=](double l) { return 1 / std::sqrt(vorticity(l)); });
+  unsmooth_ = std::make_unique<BoxPoisson<Real>>(grid_, cosines(grid_),
+                                                 [=](double l) { return std::sqrt(vorticity(l)); });
+
+  std::vector<std::size_t> place(grid_.size());
+  for (std::size_t e = 0; e < boundary_.size(); ++e) place[boundary_.node[e]] = e;
+  faces_.clear();
+  int low[3] = {0, 0, 0}, high[3] = {grid_.n[0] - 1, grid_.n[1] - 1, grid_.n[2] - 1};
+  for (int normal = 0; normal < 3; ++normal) {
+    for (int side = 0; side < 2; ++side) {
+      Face face;
+      int from[3] = {low[0], low[1], low[2]}, to[3] = {high[0], high[1], high[2]};
+      from[normal] = to[normal] = side == 0 ? 0 : grid_.n[normal] - 1;
+      face.grid = grid_;
+      for (int a = 0; a < 3; ++a) face.grid.n[a] = to[a] - from[a] + 1;
+      for (int z = from[2]; z <= to[2]; ++z)
+        for (int y = from[1]; y <= to[1]; ++y)
+          for (int x = from[0]; x <= to[0]; ++x) face.boundary.push_back(place[grid_.index(x, y, z)]);
+      const double nodes = 0.3 * double(grid_.size()) / double(face.grid.size()) * thickness; // 0.3: measured
+      const auto velocity = [=](double eigenvalue) {
+        const double k2 = -eigenvalue * r * r, decay = 2 * std::sqrt(k2 + longest);
+        return nodes * ((1 + (advection + 4 * bu2) * k2) / decay + 2 * bc2 * k2 * k2);
+      };
+      const auto rate = [=](double eigenvalue) {
+        const double k2 = -eigenvalue * r * r, decay = 2 * std::sqrt(k2 + longest);
+        return nodes * ((std::max(alpha2, 0.01) + bd2 * k2) / decay + 2 * bc2 * k2 * k2);
+      };
+      const auto make = [&](auto response) {
+        return std::make_unique<BoxPoisson<Real>>(face.grid, cosines(face.grid), response);
+      };
+      face.u = make([=](double l) { return 1 / std::sqrt(velocity(l)); });
+      face.inverseU = make([=](double l) { return std::sqrt(velocity(l)); });
+      face.d = make([=](double l) { return 1 / std::sqrt(rate(l)); });
+      face.inverseD = make([=](double l) { return std::sqrt(rate(l)); });
+      faces_.push_back(std::move(face));
+    }
+    ++low[normal], --high[normal];
+  }
+}
+
+// to = scale (map of each face) from, for three components of boundary values
+template <class Real>
+void VICSharpModel<Real>::applyFaces(const std::unique_ptr<BoxPoisson<Real>> Face::*map, const Real* from,
+                                     Real scale, Real* to) const {
+  const std::size_t count = boundary_.size();
+  if (faces_.empty()) {
+    for (std::size_t e = 0; e < 3 * count; ++e) to[e] = scale * from[e];
+    return;
+  }
+#pragma omp parallel for collapse(2) schedule(dynamic)
+  for (std::size_t f = 0; f < 6; ++f)
+    for (int i = 0; i < 3; ++i) {
+      const Face& face = faces_[f];
+      Vector values(face.boundary.size());
+      for (std::size_t e = 0; e < values.size(); ++e) values[e] = from[i * count + face.boundary[e]];
+      (face.*map)->solve(values.data());
+      for (std::size_t e = 0; e < values.size(); ++e) to[i * count + face.boundary[e]] = scale * values[e];
+    }
+}
+
+template <class Real>
+typename VICSharpModel<Real>::Vector VICSharpModel<Real>::unknowns(const State& state) const {
+  const std::size_t n = grid_.size(), count = boundary_.size();
+  Vector x(size(), 0);
+  const auto boundaryOf = [&](const VectorField& field, const std::array<double, 3>& shift, double scale,
+                              const std::unique_ptr<BoxPoisson<Real>> Face::*map, Real* to) {
+    Vector values(3 * count);
+    for (int i = 0; i < 3; ++i) {
+      const Vector f = resample(state.grid, field[i].data(), grid_);
+      for (std::size_t e = 0; e < count; ++e) values[i * count + e] = f[boundary_.node[e]] + Real(shift[i]);
+    }
+    applyFaces(map, values.data(), Real(1 / scale), to);
+  };
+  for (int i = 0; i < 3; ++i) {
+    Vector w = resample(state.grid, state.vorticity[i].data(), grid_);
+    for (Real& v : w) v *= Real(1 / constants_.vorticityScale());
+    if (unsmooth_) unsmooth_->solve(w.data());
+    std::copy(w.begin(), w.end(), x.begin() + i * n);
+  }
+  std::array<double, 3> shift; // both velocities are less their own mean
+  for (int i = 0; i < 3; ++i) shift[i] = state.mean[i] - double(mean_[i]);
+  boundaryOf(state.velocity, shift, constants_.velocityScale, &Face::inverseU, x.data() + 3 * n);
+  if (hasRate() && !state.rate[0].empty())
+    boundaryOf(state.rate, {0, 0, 0}, constants_.accelerationScale, &Face::inverseD,
+               x.data() + 3 * (n + count));
+  return x;
+}
+
+template <class Real>
+void VICSharpModel<Real>::makeFaceLaplacian() {
+  std::vector<std::uint32_t> place(grid_.size());
+  for (std::size_t e = 0; e < boundary_.size(); ++e) place[boundary_.node[e]] = std::uint32_t(e);
+  const std::ptrdiff_t stride[3] = {1, grid_.n[0], std::ptrdiff_t(grid_.n[0]) * grid_.n[1]};
+  for (std::size_t e = 0; e < boundary_.size(); ++e) {
+    if (boundary_.inside[e] < 0) continue;
+    const std::ptrdiff_t node = std::ptrdiff_t(boundary_.node[e]),
+                         normal = std::abs(boundary_.inside[e] - node);
+    FaceLaplacian s{std::uint32_t(e), {}, {}};
+    int t = 0;
+    for (int a = 0; a < 3; ++a) {
+      if (stride[a] == normal) continue;
+      s.neighbour[2 * t] = place[node - stride[a]];
+      s.neighbour[2 * t + 1] = place[node + stride[a]];
+      s.weight[t++] = stencils_.inverseSquare(a);
+    }
+    faceLaplacian_.push_back(s);
   }
 }
 
@@ -66,32 +223,9 @@ AxisBasis VICSharpModel<Real>::normalBasis(int axis) const {
   return basis;
 }
 
+// L f = -curl source inside, f = b on the boundary
 template <class Real>
-std::size_t VICSharpModel<Real>::size() const {
-  return 3 * grid_.size() + (hasAcceleration() ? 6 : 3) * boundary_.size();
-}
-
-// to = sw B^m from; its own transpose. Overwrites uBar_.
-template <class Real>
-void VICSharpModel<Real>::smooth(const std::array<const Real*, 3>& from, const std::array<Real*, 3>& to) {
-  for (int i = 0; i < 3; ++i) {
-    const Real* source = from[i];
-    for (int pass = 1; pass <= constants_.smoothingPasses; ++pass) {
-      const bool last = pass == constants_.smoothingPasses;
-      Real* target = last ? to[i] : uBar_[pass % 2].data();
-      const Real scale = last ? Real(constants_.vorticityScale()) : Real(1);
-      forEachRow<Real>(grid_, 1, [&](int j, int k, RowBuffers<Real>& rows) {
-        stencils_.smooth(source, j, k, scale, rows(0), target + grid_.index(0, j, k));
-      });
-      source = target;
-    }
-  }
-}
-
-// L f = -curl source inside, f = scale b on the boundary
-template <class Real>
-void VICSharpModel<Real>::solveCurl(const VectorField& source, const Real* b, Real scale,
-                                    VectorField& f) const {
+void VICSharpModel<Real>::solveCurl(const VectorField& source, const Vector& b, VectorField& f) const {
   const int n = grid_.n[0];
   forEachRow<Real>(grid_, 1, [&](int j, int k, RowBuffers<Real>& rows) {
     if (!stencils_.isInterior(j, k)) return;
@@ -106,26 +240,24 @@ void VICSharpModel<Real>::solveCurl(const VectorField& source, const Real* b, Re
 #pragma omp parallel for
   for (int i = 0; i < 3; ++i)
     for (std::size_t e = 0; e < count; ++e) {
-      const Real value = scale * b[i * count + e];
+      const Real value = b[i * count + e];
       f[i][boundary_.node[e]] = value;
       if (boundary_.inside[e] >= 0) f[i][boundary_.inside[e]] -= Real(boundary_.weight[e]) * value;
     }
-  Real* fields[3] = {f[0].data(), f[1].data(), f[2].data()};
-  poisson_.solve(fields, 3);
+  poisson_.solve(pointers(f).data(), 3);
 }
 
-// From dJ/df: dJ/d(right-hand side) inside (0 on the boundary) in its place, and dJ/db
+// From dJ/df: dJ/d(right-hand side) inside (0 on the boundary) in its place, and bBar += dJ/db
 template <class Real>
-void VICSharpModel<Real>::solveCurlTransposed(VectorField& bar, Real scale, Real* bBar) const {
-  Real* fields[3] = {bar[0].data(), bar[1].data(), bar[2].data()};
-  poisson_.solve(fields, 3);
+void VICSharpModel<Real>::solveCurlTransposed(VectorField& bar, Vector& bBar) const {
+  poisson_.solve(pointers(bar).data(), 3);
   const std::size_t count = boundary_.size();
 #pragma omp parallel for
   for (int i = 0; i < 3; ++i)
     for (std::size_t e = 0; e < count; ++e) {
       Real value = bar[i][boundary_.node[e]];
       if (boundary_.inside[e] >= 0) value -= Real(boundary_.weight[e]) * bar[i][boundary_.inside[e]];
-      bBar[i * count + e] = scale * value;
+      bBar[i * count + e] += value;
       bar[i][boundary_.node[e]] = 0;
     }
 }
@@ -189,38 +321,48 @@ void VICSharpModel<Real>::materialAcceleration() {
 template <class Real>
 void VICSharpModel<Real>::forward(const Vector& x) {
   const std::size_t n = grid_.size();
-  const Real* c = x.data();
-  smooth({c, c + n, c + 2 * n}, {w_[0].data(), w_[1].data(), w_[2].data()}); // w = sw B^m c
-  solveCurl(w_, x.data() + boundaryVelocityOffset(), Real(constants_.velocityScale), u_);
-  if (!hasAcceleration()) return;
+  const Real sw = Real(constants_.vorticityScale());
+  for (int i = 0; i < 3; ++i) // w = sw F c
+#pragma omp parallel for simd
+    for (std::size_t e = 0; e < n; ++e) w_[i][e] = sw * x[i * n + e];
+  if (smooth_) smooth_->solve(pointers(w_).data(), 3);
+  applyFaces(&Face::u, x.data() + 3 * n, Real(constants_.velocityScale), uBoundary_.data());
+  solveCurl(w_, uBoundary_, u_);
+  if (!hasRate()) return;
   transport();
-  solveCurl(q_, x.data() + boundaryRateOffset(), Real(constants_.accelerationScale), d_);
+  applyFaces(&Face::d, x.data() + 3 * (n + boundary_.size()), Real(constants_.accelerationScale),
+             dBoundary_.data());
+  solveCurl(q_, dBoundary_, d_);
   materialAcceleration();
 }
 
 namespace {
 
-/// weight |P f - data|^2, and bar += 2 weight P^T (P f - data)
+/// The sum over particles of weight Huber(|P f - data|^2), and bar += its adjoint
 template <class Real>
-double dataMisfit(const TrilinearSampler<Real>& sampler, const std::array<std::vector<Real>, 3>& field,
+double dataMisfit(const Sampler<Real>& sampler, const std::array<std::vector<Real>, 3>& field,
                   const std::array<std::vector<Real>, 3>& data, const std::vector<Real>& particleWeight,
-                  double weight, std::vector<Real>& sampled, std::array<std::vector<Real>, 3>& bar) {
+                  double threshold, double weight, std::array<std::vector<Real>, 3>& residual,
+                  std::vector<double>& squares, std::array<std::vector<Real>, 3>& bar) {
   const std::size_t count = sampler.size();
-  sampled.resize(count);
-  double misfit = 0;
+  squares.resize(count);
   for (int i = 0; i < 3; ++i) {
-    sampler.sample(field[i].data(), sampled.data());
-    double sum = 0;
-    for (std::size_t p = 0; p < count; ++p) {
-      const Real residual = sampled[p] - data[i][p];
-      const Real w = particleWeight.empty() ? Real(1) : particleWeight[p];
-      sum += double(w * residual) * double(residual);
-      sampled[p] = Real(2 * weight) * w * residual;
-    }
-    misfit += sum;
-    sampler.addTransposed(sampled.data(), bar[i].data());
+    residual[i].resize(count);
+    sampler.sample(field[i].data(), residual[i].data());
+    for (std::size_t p = 0; p < count; ++p) residual[i][p] -= data[i][p];
   }
-  return weight * misfit;
+  double sum = 0;
+  for (std::size_t p = 0; p < count; ++p) {
+    double square = 0;
+    for (int i = 0; i < 3; ++i) square += double(residual[i][p]) * double(residual[i][p]);
+    squares[p] = square;
+    const Huber huber(square, threshold);
+    const double w = particleWeight.empty() ? 1 : double(particleWeight[p]);
+    sum += w * huber.value;
+    for (int i = 0; i < 3; ++i) residual[i][p] *= Real(2 * weight * w * huber.slope);
+  }
+  for (int i = 0; i < 3; ++i) sampler.addTransposed(residual[i].data(), bar[i].data());
+  return weight * sum;
 }
 
 } // namespace
@@ -228,43 +370,38 @@ double dataMisfit(const TrilinearSampler<Real>& sampler, const std::array<std::v
 // |P u - u_p|^2/(Np su^2)
 template <class Real>
 double VICSharpModel<Real>::velocityMisfit() {
-  const double su = constants_.velocityScale;
-  return dataMisfit(sampler_, u_, velocityData_, velocityWeight_, 1 / (sampler_.size() * su * su), sampled_,
-                    uBar_);
+  return dataMisfit(sampler_, u_, velocityData_, velocityWeight_, constants_.velocityOutlier,
+                    1 / (double(sampler_.size()) * square(constants_.velocityScale)), sampled_,
+                    velocityMisfits_, uBar_);
 }
 
 // alpha^2 |P a - a_p|^2/(Np sa^2)
 template <class Real>
 double VICSharpModel<Real>::accelerationMisfit() {
-  const double sa = constants_.accelerationScale, alpha = constants_.accelerationWeight;
-  return dataMisfit(sampler_, a_, accelerationData_, accelerationWeight_,
-                    alpha * alpha / (sampler_.size() * sa * sa), sampled_, aBar_);
+  return dataMisfit(sampler_, a_, accelerationData_, accelerationWeight_, constants_.accelerationOutlier,
+                    square(constants_.accelerationWeight / constants_.accelerationScale) /
+                        double(sampler_.size()),
+                    sampled_, accelerationMisfits_, aBar_);
 }
 
-// weight |div f|^2; bar = 2 weight div f
+// weight |div f|^2; bar_i += 2 weight D_i^T div f
 template <class Real>
-double VICSharpModel<Real>::penaliseDivergence(const VectorField& f, double weight, Vector& bar) const {
-  bar.resize(grid_.size());
+double VICSharpModel<Real>::penaliseDivergence(const VectorField& f, double weight, VectorField& bar) {
+  if (weight == 0) return 0;
   const int n = grid_.n[0];
   const double sum = sumOverRows<Real, 1>(grid_, 0, [&](int j, int k, RowBuffers<Real>&) {
-    Real* row = bar.data() + grid_.index(0, j, k);
+    Real* row = scalar_.data() + grid_.index(0, j, k);
     stencils_.derivative(f[0].data(), 0, j, k, row);
     stencils_.addDerivative(f[1].data(), 1, j, k, 1, row);
     stencils_.addDerivative(f[2].data(), 2, j, k, 1, row);
-    const double square = squares(row, n);
-    for (int e = 0; e < n; ++e) row[e] *= Real(2 * weight);
-    return std::array<double, 1>{square};
+    return std::array<double, 1>{squares(row, n)};
   })[0];
-  return weight * sum;
-}
-
-// out_i += D_i^T bar
-template <class Real>
-void VICSharpModel<Real>::addDivergenceTransposed(const Vector& bar, VectorField& out) const {
   forEachRow<Real>(grid_, 0, [&](int j, int k, RowBuffers<Real>&) {
     for (int i = 0; i < 3; ++i)
-      stencils_.addDerivativeTransposed(bar.data(), i, j, k, 1, out[i].data() + grid_.index(0, j, k));
+      stencils_.addDerivativeTransposed(scalar_.data(), i, j, k, Real(2 * weight),
+                                        bar[i].data() + grid_.index(0, j, k));
   });
+  return weight * sum;
 }
 
 // The p that minimises |R|^2, R = a + grad p - nu L u:   sum of D_i^T D_i p = -sum of D_i^T (a_i - nu L u_i)
@@ -320,22 +457,54 @@ void VICSharpModel<Real>::momentumTransposed() {
   });
 }
 
-// bc^2 <|c|^2>
+// bc^2 r^4 <|L w|^2>/sw^2; its adjoint is added to wBar
 template <class Real>
-double VICSharpModel<Real>::penaliseRoughness(const Real* c, Real* gradient) const {
-  const double bc = constants_.roughnessWeight;
-  if (bc == 0) return 0;
-  const double weight = bc * bc / grid_.size();
-  const std::size_t layer = std::size_t(grid_.n[0]) * grid_.n[1];
-  std::vector<double> sums(3 * grid_.n[2]);
-#pragma omp parallel for
-  for (std::size_t k = 0; k < sums.size(); ++k) {
-    sums[k] = squares(c + k * layer, int(layer));
-    for (std::size_t e = k * layer; e < (k + 1) * layer; ++e) gradient[e] += Real(2 * weight) * c[e];
-  }
+double VICSharpModel<Real>::penaliseCurvature() {
+  const double r = constants_.particleSpacing,
+               weight = square(constants_.curvatureWeight * r * r / constants_.vorticityScale()) /
+                        double(grid_.size());
+  if (weight == 0) return 0;
   double sum = 0;
-  for (double s : sums) sum += s;
+  for (int i = 0; i < 3; ++i) {
+    sum += sumOverRows<Real, 1>(grid_, 0, [&](int j, int k, RowBuffers<Real>&) {
+      Real* row = scalar_.data() + grid_.index(0, j, k);
+      std::fill_n(row, grid_.n[0], Real(0));
+      stencils_.addLaplacian(w_[i].data(), j, k, 1, row);
+      return std::array<double, 1>{squares(row, grid_.n[0])};
+    })[0];
+    forEachRow<Real>(grid_, 0, [&](int j, int k, RowBuffers<Real>&) {
+      stencils_.addLaplacianTransposed(scalar_.data(), j, k, Real(2 * weight),
+                                       wBar_[i].data() + grid_.index(0, j, k));
+    });
+  }
   return weight * sum;
+}
+
+// bc^2 2 r^5 A/V <|Lt b|^2>/scale^2 on the faces; bBar = its adjoint
+template <class Real>
+double VICSharpModel<Real>::penaliseBoundaryCurvature(const Vector& b, double scale, Vector& bBar) const {
+  std::fill(bBar.begin(), bBar.end(), Real(0));
+  if (faceLaplacian_.empty() || constants_.curvatureWeight == 0) return 0;
+  const double weight = 2 * square(constants_.curvatureWeight / scale) *
+                        std::pow(constants_.particleSpacing, 5) * areaOverVolume_ /
+                        double(faceLaplacian_.size());
+  const std::size_t count = boundary_.size();
+  double sums[3] = {};
+#pragma omp parallel for
+  for (int i = 0; i < 3; ++i) {
+    const Real* v = b.data() + i * count;
+    Real* g = bBar.data() + i * count;
+    for (const FaceLaplacian& s : faceLaplacian_) {
+      const std::uint32_t* e = s.neighbour;
+      const Real wa = s.weight[0], wb = s.weight[1], twice = 2 * v[s.centre];
+      const Real l = wa * (v[e[0]] + v[e[1]] - twice) + wb * (v[e[2]] + v[e[3]] - twice);
+      sums[i] += double(l) * double(l);
+      const Real f = Real(2 * weight) * l;
+      g[e[0]] += f * wa, g[e[1]] += f * wa, g[e[2]] += f * wb, g[e[3]] += f * wb;
+      g[s.centre] -= 2 * f * (wa + wb);
+    }
+  }
+  return weight * (sums[0] + sums[1] + sums[2]);
 }
 
 // From dJ/dq and dJ/da, the parts of dJ/du and dJ/dw:
@@ -394,57 +563,51 @@ void VICSharpModel<Real>::transportTransposed() {
 
 template <class Real>
 double VICSharpModel<Real>::cost(const Vector& x, Vector& gradient) {
-  const double nodes = double(grid_.size()), r = constants_.particleSpacing, sw = constants_.vorticityScale(),
-               sa = constants_.accelerationScale;
-  const auto square = [](double v) { return v * v; };
-  const double divergence = square(constants_.divergenceWeight / sw) / nodes,
-               vorticityDivergence = square(constants_.vorticityDivergenceWeight * r / sw) / nodes,
-               accelerationDivergence = square(constants_.accelerationDivergenceWeight * r / sa) / nodes,
-               alpha = constants_.accelerationWeight;
-  Real* const boundaryVelocityGradient = gradient.data() + boundaryVelocityOffset();
+  const VICSharpConstants& k = constants_;
+  const double nodes = double(grid_.size()), r = k.particleSpacing, sw = k.vorticityScale(),
+               sa = k.accelerationScale;
+  const std::size_t n = grid_.size(), count = boundary_.size();
   forward(x);
   terms_ = {};
+  for (auto* field : {&uBar_, &wBar_})
+    for (auto& component : *field) std::fill(component.begin(), component.end(), Real(0));
 
-  for (int i = 0; i < 3; ++i) {
-    std::fill(uBar_[i].begin(), uBar_[i].end(), Real(0));
-    std::fill(wBar_[i].begin(), wBar_[i].end(), Real(0));
-  }
   terms_.velocity = velocityMisfit();
-  if (divergence > 0) {
-    terms_.divergence = penaliseDivergence(u_, divergence, divergenceUBar_);
-    addDivergenceTransposed(divergenceUBar_, uBar_);
-  }
-  if (vorticityDivergence > 0) {
-    terms_.vorticityDivergence = penaliseDivergence(w_, vorticityDivergence, divergenceWBar_);
-    addDivergenceTransposed(divergenceWBar_, wBar_);
-  }
-  double weightedAcceleration = 0;
-  if (hasAcceleration()) {
+  terms_.divergence = penaliseDivergence(u_, square(k.divergenceWeight / sw) / nodes, uBar_);
+  terms_.vorticityDivergence =
+      penaliseDivergence(w_, square(k.vorticityDivergenceWeight * r / sw) / nodes, wBar_);
+  terms_.curvature = penaliseCurvature();
+  double accelerationTerm = 0;
+  if (hasRate()) {
     if (hasPressure()) {
       terms_.navierStokes = penaliseMomentum();
       momentumTransposed();
     } else {
       for (auto& component : aBar_) std::fill(component.begin(), component.end(), Real(0));
     }
-    weightedAcceleration = accelerationMisfit();
-    terms_.acceleration = weightedAcceleration / (alpha * alpha);
-    dBar_ = aBar_;
-    if (accelerationDivergence > 0) {
-      terms_.accelerationDivergence = penaliseDivergence(d_, accelerationDivergence, divergenceDBar_);
-      addDivergenceTransposed(divergenceDBar_, dBar_);
+    if (hasAccelerationData()) {
+      accelerationTerm = accelerationMisfit();
+      terms_.acceleration = accelerationTerm / square(k.accelerationWeight);
     }
-    solveCurlTransposed(dBar_, Real(sa), gradient.data() + boundaryRateOffset());
+    dBar_ = aBar_;
+    terms_.accelerationDivergence =
+        penaliseDivergence(d_, square(k.accelerationDivergenceWeight * r / sa) / nodes, dBar_);
+    terms_.curvature += penaliseBoundaryCurvature(dBoundary_, sa, boundaryBar_);
+    solveCurlTransposed(dBar_, boundaryBar_);
+    applyFaces(&Face::d, boundaryBar_.data(), Real(sa), gradient.data() + 3 * (n + count));
     addCurlTransposed(dBar_, Real(-1), q_, false); // q_ = dJ/dq from here on
     transportTransposed();
   }
-  solveCurlTransposed(uBar_, Real(constants_.velocityScale), boundaryVelocityGradient);
+  terms_.curvature += penaliseBoundaryCurvature(uBoundary_, k.velocityScale, boundaryBar_);
+  solveCurlTransposed(uBar_, boundaryBar_);
+  applyFaces(&Face::u, boundaryBar_.data(), Real(k.velocityScale), gradient.data() + 3 * n);
   addCurlTransposed(uBar_, Real(-1), wBar_, true);
-  const std::size_t n = grid_.size();
-  Real* g = gradient.data();
-  smooth({wBar_[0].data(), wBar_[1].data(), wBar_[2].data()}, {g, g + n, g + 2 * n}); // B^T = B
-  terms_.roughness = penaliseRoughness(x.data(), gradient.data());
-  return terms_.velocity + weightedAcceleration + terms_.divergence + terms_.vorticityDivergence +
-         terms_.accelerationDivergence + terms_.navierStokes + terms_.roughness;
+  if (smooth_) smooth_->solve(pointers(wBar_).data(), 3);
+  for (int i = 0; i < 3; ++i)
+#pragma omp parallel for simd
+    for (std::size_t e = 0; e < n; ++e) gradient[i * n + e] = Real(sw) * wBar_[i][e];
+  return terms_.velocity + accelerationTerm + terms_.divergence + terms_.vorticityDivergence +
+         terms_.accelerationDivergence + terms_.navierStokes + terms_.curvature;
 }
 
 template class VICSharpModel<float>;

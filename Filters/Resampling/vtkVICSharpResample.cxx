@@ -27,13 +27,6 @@
 
 vtkStandardNewMacro(vtkVICSharpResample);
 
-struct vtkVICSharpResample::Internals {
-  rimflow::Grid grid;
-  std::vector<double> settings; // that the grid was laid out with; empty: not yet
-  vtkMTimeType upstream = 0;    // of everything that the particles come from
-  std::shared_ptr<const void> lastSolution;
-};
-
 namespace {
 
 using Pipeline = vtkStreamingDemandDrivenPipeline;
@@ -48,11 +41,28 @@ struct Tracks {
   }
 };
 
+Tracks tracksOf(vtkAlgorithm* filter, vtkPolyData* particles, bool useAcceleration) {
+  vtkDataArray* velocity =
+      particles && particles->GetPoints() ? rimflow::pointVectors(filter, particles, 0, "Velocity") : nullptr;
+  if (!velocity) return {};
+  return {rimflow::asFloat(particles->GetPoints()->GetData()), rimflow::asFloat(velocity),
+          rimflow::asFloat(useAcceleration
+                               ? rimflow::pointVectors(filter, particles, 1, "Acceleration", false)
+                               : nullptr)};
+}
+
+/// A number that the particles bring with them, such as their noise level; 0 without.
+double fieldNumber(vtkPolyData* particles, const char* name) {
+  vtkDataArray* array = particles->GetFieldData()->GetArray(name);
+  return array && array->GetNumberOfValues() > 0 ? std::max(0., array->GetComponent(0, 0)) : 0;
+}
+
 void addPointArray(vtkImageData* image, const char* name, const std::vector<float>& values) {
+  if (values.empty()) return;
   vtkNew<vtkFloatArray> array;
   array->SetName(name);
-  array->SetNumberOfComponents(3);
-  array->SetNumberOfTuples(vtkIdType(values.size() / 3));
+  array->SetNumberOfComponents(int(vtkIdType(values.size()) / image->GetNumberOfPoints()));
+  array->SetNumberOfTuples(image->GetNumberOfPoints());
   std::copy(values.begin(), values.end(), array->GetPointer(0));
   image->GetPointData()->AddArray(array);
 }
@@ -86,13 +96,15 @@ void fill(vtkImageData* image, const rimflow::VICSharpResult& r) {
   addPointArray(image, "Vorticity", r.vorticity);
   addPointArray(image, "MaterialAcceleration", r.acceleration);
   image->GetPointData()->SetActiveVectors("Velocity");
+  addPointArray(image, "PressureOverDensity", r.pressure);
   if (!r.mask.empty()) addMask(image, r.mask);
   addNumber(image, "Iterations", r.iterations);
   addNumber(image, "MisfitVelocity", r.velocityMisfit);
   addNumber(image, "MisfitAcceleration", r.accelerationMisfit);
   addNumber(image, "DivergenceNorm", r.divergenceNorm);
-  addNumber(image, "VelocityNoise", r.velocityNoise);
-  addNumber(image, "AccelerationNoise", r.accelerationNoise);
+  addNumber(image, "VelocityNoise", r.calibration.velocityNoise);
+  addNumber(image, "AccelerationNoise", r.calibration.accelerationNoise);
+  addNumber(image, "CurvatureWeight", r.calibration.curvatureWeight);
   addNumber(image, "ParticlesUsed", double(r.particlesUsed));
   vtkNew<vtkStringArray> stop;
   stop->SetName("StopReason");
@@ -101,6 +113,17 @@ void fill(vtkImageData* image, const rimflow::VICSharpResult& r) {
 }
 
 } // namespace
+
+/// What stays the same over all times.
+struct vtkVICSharpResample::Internals {
+  rimflow::Grid grid;
+  Tracks sample;                // the snapshot in the middle of the series
+  std::vector<double> settings; // that the grid was laid out with; empty: not yet
+  vtkMTimeType upstream = 0;    // of everything that the particles come from
+  std::optional<rimflow::VICSharpCalibration> calibration;
+  vtkMTimeType calibrated = 0; // with the settings of that time
+  std::shared_ptr<const rimflow::VICSharpState> lastSolution;
+};
 
 vtkVICSharpResample::vtkVICSharpResample() : State(new Internals) {
   this->SetNumberOfInputPorts(2);
@@ -142,6 +165,7 @@ void vtkVICSharpResample::LayOut(vtkInformation* in) {
   state.grid = rimflow::resamplingGrid(positions ? positions->GetPointer(0) : nullptr,
                                        positions ? std::size_t(positions->GetNumberOfTuples()) : 0,
                                        this->Spacing, bounds);
+  state.sample = tracksOf(this, particles, this->UseAcceleration);
   state.settings = settings;
   state.upstream = upstream;
 }
@@ -168,6 +192,13 @@ int vtkVICSharpResample::RequestUpdateExtent(vtkInformation*, vtkInformationVect
   return 1; // the particles know no extents: nothing of the image's request is theirs
 }
 
+std::function<bool(double)> vtkVICSharpResample::ProgressBetween(double from, double to) {
+  return [this, from, to](double fraction) {
+    this->UpdateProgress(from + (to - from) * fraction);
+    return !rimflow::aborted(this);
+  };
+}
+
 int vtkVICSharpResample::RequestData(vtkInformation*, vtkInformationVector** inputs,
                                      vtkInformationVector* outputs) {
   vtkImageData* output = vtkImageData::GetData(outputs);
@@ -175,35 +206,39 @@ int vtkVICSharpResample::RequestData(vtkInformation*, vtkInformationVector** inp
   vtkPolyData* particles = vtkPolyData::GetData(inputs[0]);
   vtkPolyData* bodyData =
       inputs[1]->GetNumberOfInformationObjects() > 0 ? vtkPolyData::GetData(inputs[1]) : nullptr;
-  vtkDataArray* velocity = rimflow::pointVectors(this, particles, 0, "Velocity");
-  vtkDataArray* acceleration =
-      this->UseAcceleration ? rimflow::pointVectors(this, particles, 1, "Acceleration", false) : nullptr;
-  if (!velocity || !particles->GetPoints()) {
+  const Tracks tracks = tracksOf(this, particles, this->UseAcceleration);
+  if (!tracks.velocities) {
     vtkErrorMacro("No velocity found: the particles have "
                   << rimflow::arrayNames(particles)
                   << ". A point array with three components is needed, called "
                      "Velocity or chosen as the input array.");
     return 0;
   }
-  const Tracks tracks{rimflow::asFloat(particles->GetPoints()->GetData()), rimflow::asFloat(velocity),
-                      rimflow::asFloat(acceleration)};
   const auto start = std::chrono::steady_clock::now();
   try {
+    Internals& state = *this->State;
     rimflow::VICSharpOptions options;
-    options.grid = this->State->grid;
+    options.grid = state.grid;
     options.viscosity = this->Viscosity;
-    options.velocityNoise = this->VelocityNoise;
-    options.accelerationNoise = this->AccelerationNoise;
+    options.velocityNoise =
+        this->VelocityNoise > 0 ? this->VelocityNoise : fieldNumber(particles, "VelocityNoise");
+    options.accelerationNoise =
+        this->AccelerationNoise > 0 ? this->AccelerationNoise : fieldNumber(particles, "AccelerationNoise");
     options.maximumIterations = this->MaximumIterations;
+    if (state.calibrated < this->GetMTime()) {
+      state.lastSolution = nullptr;
+      const bool usable = state.sample.velocities != nullptr;
+      state.calibration = rimflow::calibrateVICSharp((usable ? state.sample : tracks).view(), options,
+                                                     this->ProgressBetween(0, 0.3));
+      if (!state.calibration) return 1; // aborted: the output stays empty
+      state.calibrated = this->GetMTime();
+    }
     if (bodyData) options.body = rimflow::bodyOf(bodyData);
-    const auto progress = [this](double fraction) {
-      this->UpdateProgress(fraction);
-      return !rimflow::aborted(this);
-    };
-    const auto warm = this->WarmStart ? this->State->lastSolution : nullptr;
-    const rimflow::VICSharpResult result = rimflow::vicSharp(tracks.view(), options, warm, progress);
-    if (result.aborted) return 1; // the output stays empty
-    this->State->lastSolution = result.warm;
+    const rimflow::VICSharpResult result = rimflow::vicSharp(
+        tracks.view(), options, &*state.calibration, this->WarmStart ? state.lastSolution.get() : nullptr,
+        this->ProgressBetween(0.3, 1));
+    if (result.aborted) return 1;
+    state.lastSolution = result.state;
     fill(output, result);
   } catch (const std::invalid_argument& error) {
     output->Initialize();

@@ -7,11 +7,11 @@
  * Input 1, `Body` (optional): the locator's Sphere or Centre, or any vtkPolyData with `Diameter`(1),
  * `Centre`(3) and optionally `Velocity`, `Acceleration`, `AngularVelocity`(3) in its field data. A Body whose
  * `Status` is 2 (lost) counts as none. Output: vtkImageData with the float point arrays `Velocity` (m/s),
- * `Vorticity` (1/s) and `MaterialAcceleration` (m/s2), three components each. With a Body, nodes inside it
- * carry its rigid motion, `Mask` = 1 and vtkGhostType HIDDENPOINT. Field data: `Iterations`,
- * `MisfitVelocity`, `MisfitAcceleration` (rms per datum in units of the noise), `DivergenceNorm` (rms of div
- * u over rms of |grad u|), `VelocityNoise`, `AccelerationNoise` (used), `ParticlesUsed`, `StopReason`,
- * `ElapsedTime` (s).
+ * `Vorticity` (1/s) and `MaterialAcceleration` (m/s2), three components each, and `PressureOverDensity`
+ * (m2/s2, mean 0). With a Body, nodes inside it carry its rigid motion, `Mask` = 1 and vtkGhostType
+ * HIDDENPOINT. Field data: `Iterations`, `MisfitVelocity`, `MisfitAcceleration` (rms per datum in units of
+ * the noise), `DivergenceNorm` (rms of div u over rms of |grad u|), `VelocityNoise`, `AccelerationNoise`
+ * (used), `CurvatureWeight`, `ParticlesUsed`, `StopReason`, `ElapsedTime` (s).
  *
  * VIC# (Jeon, Mueller & Michaelis 2022) on VIC+ (Schneiders & Scarano 2016): the vorticity whose velocity and
  * acceleration fit the tracks as closely as their noise allows; see VICSharp.h.
@@ -22,6 +22,7 @@
 #include "vtkImageAlgorithm.h"
 #include "vtkRIMFlowFiltersModule.h"
 
+#include <functional>
 #include <memory>
 
 class VTKRIMFLOWFILTERS_EXPORT vtkVICSharpResample : public vtkImageAlgorithm {
@@ -54,7 +55,7 @@ public:
 
   ///@{
   /// Standard deviation of the measured velocity (m/s) and acceleration (m/s2) per component. 0 (default):
-  /// from the data.
+  /// what the particles say in their field data (arrays of the same names), else estimated.
   vtkSetClampMacro(VelocityNoise, double, 0, VTK_DOUBLE_MAX);
   vtkGetMacro(VelocityNoise, double);
   vtkSetClampMacro(AccelerationNoise, double, 0, VTK_DOUBLE_MAX);
@@ -105,6 +106,7 @@ private:
   void operator=(const vtkVICSharpResample&) = delete;
 
   void LayOut(vtkInformation* particles);
+  std::function<bool(double)> ProgressBetween(double from, double to);
 
   struct Internals;
   std::unique_ptr<Internals> State;

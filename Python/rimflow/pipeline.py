@@ -1,4 +1,5 @@
 """The filters as a chain for headless runs, and what is written from their outputs. The wrapped VTK classes do the work."""
+import ctypes
 import os
 
 import numpy as np
@@ -183,6 +184,7 @@ def smooth(times, centres, covariances, status, diameter):
         _add(data.GetPointData(), name, values)
     smoother, errors = vtkTrajectorySmoother(), Errors()
     errors.watch(smoother)
+    smoother.SetLargestPredictionSigma(0.5 * diameter)  # as the locator's Trajectory
     smoother.SetInputData(data)
     smoother.Update()
     errors.check()
@@ -278,4 +280,6 @@ def leave(status):
     controller = vtkMultiProcessController.GetGlobalController()
     if status == 0 and controller and controller.GetNumberOfProcesses() > 1:
         controller.Finalize()
+    # pvbatch prints through C's stdout, which keeps the text back when it is a file or a pipe, and which os._exit forgets.
+    ctypes.CDLL(None).fflush(None)
     os._exit(status)

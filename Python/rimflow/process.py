@@ -5,6 +5,7 @@ Three passes, each over this rank's contiguous share of the snapshots:
 2. all snapshots together: smooth the trajectory       -> trajectory.csv
 3. every snapshot with the smoothed sphere: the files  -> sphere/, fields/, report/
 """
+import itertools
 import json
 import os
 import platform
@@ -138,6 +139,28 @@ class Run:
                 files.write_json(self.record_path(k), self.attempt(k, lambda: self.chain.locate(self.times[k])))
         if bar:
             bar.show(len(self.mine))
+        self.ranks.wait()
+        self.look_again()
+
+    def look_again(self):
+        """Backwards through the snapshots at the beginning that were searched when nothing was found yet: now the first find says
+        where to look."""
+        status = {k: record["status"] for k, record in self.read_records().items()}
+        head = list(itertools.takewhile(lambda k: status[k] == LOST, self.mine))
+        find = next((k for k in self.selected if head and k > head[-1] and status[k] == FOUND), None)
+        if find is None:
+            return
+        for k in [find, *reversed(head)]:
+            record = self.attempt(k, lambda: self.chain.locate(self.times[k]))
+            if k != find and record["status"] != LOST:
+                files.write_json(self.record_path(k), record)
+
+    def read_records(self):
+        records = {}
+        for k in self.selected:
+            with open(self.record_path(k), encoding="utf-8") as f:
+                records[k] = json.load(f)
+        return records
 
     def attempt(self, k, step):
         """The snapshot's record; a snapshot that fails is a record with the reason, and the run goes on."""
@@ -149,11 +172,7 @@ class Run:
         return {"snapshot": k, "time_s": self.times[k], "seconds": round(time.monotonic() - start, 4), **record}
 
     def smooth(self):
-        records = []
-        for k in self.selected:
-            with open(self.record_path(k), encoding="utf-8") as f:
-                records.append(json.load(f))
-        self.records = records
+        records = self.records = list(self.read_records().values())
         trajectory = smooth(records, self.options.diameter)
         if self.ranks.first:
             files.write_csv(self.path("trajectory.csv"), TRAJECTORY_COLUMNS, trajectory_rows(trajectory))

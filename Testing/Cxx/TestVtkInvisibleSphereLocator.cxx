@@ -5,6 +5,7 @@
 #include "vtkQCriterion.h"
 #include "vtkSyntheticTracks.h"
 
+#include "vtkCell.h"
 #include "vtkCommand.h"
 #include "vtkDataArray.h"
 #include "vtkDoubleArray.h"
@@ -13,14 +14,18 @@
 #include "vtkFloatArray.h"
 #include "vtkImageData.h"
 #include "vtkInformation.h"
+#include "vtkInformationVector.h"
 #include "vtkNew.h"
 #include "vtkPointData.h"
+#include "vtkPoints.h"
 #include "vtkPolyData.h"
+#include "vtkPolyDataAlgorithm.h"
 #include "vtkStreamingDemandDrivenPipeline.h"
 #include "vtkStringArray.h"
 #include "vtkTestErrorObserver.h"
 
 #include <cmath>
+#include <functional>
 #include <gtest/gtest.h>
 
 namespace {
@@ -59,6 +64,42 @@ struct Scene {
     output(1)->GetPointData()->GetArray("Centre")->GetTuple(0, found);
     tracks->GetOutput()->GetFieldData()->GetArray("TrueCentre")->GetTuple(0, truth);
     return std::hypot(found[0] - truth[0], found[1] - truth[1], found[2] - truth[2]) / Diameter;
+  }
+};
+
+/// Keeps a share of the particles that depends on the time.
+struct Thinning : vtkPolyDataAlgorithm {
+  vtkTypeMacro(Thinning, vtkPolyDataAlgorithm);
+  static Thinning* New() {
+    auto* made = new Thinning;
+    made->InitializeObjectBase();
+    return made;
+  }
+  std::function<double(double)> share = [](double) { return 1; };
+
+  int RequestData(vtkInformation*, vtkInformationVector** inputs, vtkInformationVector* outputs) override {
+    vtkPolyData *in = vtkPolyData::GetData(inputs[0]), *out = vtkPolyData::GetData(outputs);
+    const double time = in->GetInformation()->Get(vtkDataObject::DATA_TIME_STEP());
+    const vtkIdType all = in->GetNumberOfPoints();
+    vtkNew<vtkPoints> points;
+    for (vtkIdType p = 0; p < vtkIdType(share(time) * double(all)); ++p) // in a scattered order
+      points->InsertNextPoint(in->GetPoint(p * 7919 % all));
+    out->SetPoints(points);
+    out->GetInformation()->Set(vtkDataObject::DATA_TIME_STEP(), time);
+    return 1;
+  }
+};
+
+struct ThinnedScene : Scene {
+  vtkNew<Thinning> thinning;
+
+  /// share(k): of the particles in snapshot k that are kept, 0 to 1.
+  template <class Share>
+  explicit ThinnedScene(Share share) {
+    const double start = time(0), step = time(1) - time(0);
+    thinning->share = [=](double t) { return share(int(std::lround((t - start) / step))); };
+    thinning->SetInputConnection(tracks->GetOutputPort());
+    locator->SetInputConnection(thinning->GetOutputPort());
   }
 };
 
@@ -135,6 +176,63 @@ TEST(VtkInvisibleSphereLocator, AllTimesInOneUpdate) {
   EXPECT_NEAR(v[1], 0.35, 0.02 * 0.35);
   s.at(9); // nothing left to do but to show another time
   EXPECT_EQ(s.output(1)->GetPointData()->GetArray("Time")->GetTuple1(0), s.time(9));
+}
+
+TEST(VtkInvisibleSphereLocator, TheTrajectoryBridgesLostSnapshots) {
+  ThinnedScene s([](int k) { return k == 5 || k == 6 ? 1e-4 : 1; });
+  s.locator->ProcessAllTimesOn();
+  s.at(4);
+  vtkPolyData* trajectory = s.output(2);
+  ASSERT_EQ(trajectory->GetNumberOfPoints(), 12);
+  EXPECT_EQ(trajectory->GetCell(0)->GetNumberOfPoints(), 12);
+  vtkPointData* p = trajectory->GetPointData();
+  double velocity[3];
+  s.tracks->GetVelocity(velocity);
+  for (int k = 0; k < 12; ++k) {
+    const bool lost = k == 5 || k == 6;
+    EXPECT_EQ(p->GetArray("Time")->GetTuple1(k), s.time(k));
+    EXPECT_EQ(p->GetArray("Status")->GetTuple1(k), lost ? 1 : 0);
+    EXPECT_EQ(std::isnan(p->GetArray("RawCentre")->GetComponent(k, 1)), lost);
+    for (int a = 0; a < 3; ++a) { // uniform motion
+      const double expected =
+          p->GetArray("Centre")->GetComponent(0, a) + velocity[a] * (s.time(k) - s.time(0));
+      EXPECT_NEAR(p->GetArray("Centre")->GetComponent(k, a), expected, 0.02 * Diameter);
+      EXPECT_NEAR(trajectory->GetPoint(k)[a], p->GetArray("Centre")->GetComponent(k, a), 1e-12);
+    }
+    // the tensor is the square root of the smoothed covariance
+    double t[9];
+    p->GetArray("SigmaTensor")->GetTuple(k, t);
+    EXPECT_NEAR((t[0] * t[0] + t[1] * t[1] + t[2] * t[2]) / p->GetArray("Covariance")->GetComponent(k, 0), 1,
+                1e-6);
+  }
+  s.at(5);
+  EXPECT_EQ(s.output(1)->GetNumberOfPoints(), 0); // by itself the snapshot says nothing
+  EXPECT_EQ(s.output(1)->GetFieldData()->GetArray("Status")->GetTuple1(0), 2);
+}
+
+TEST(VtkInvisibleSphereLocator, AllTimesGoBackToWhatWasLostAtFirst) {
+  // 0.2 particles per mm3, and 0.026 in the first snapshots: too few to find the sphere without a hint
+  ThinnedScene s([](int k) { return k < 2 ? 0.13 : 1; });
+  s.at(1);
+  s.at(0);
+  EXPECT_EQ(s.output(2)->GetNumberOfPoints(), 0);
+  s.locator->ProcessAllTimesOn();
+  s.at(8);
+  EXPECT_EQ(s.output(1)->GetPointData()->GetArray("Time")->GetTuple1(0), s.time(8));
+  vtkPointData* trajectory = s.output(2)->GetPointData();
+  ASSERT_EQ(trajectory->GetArray("Time")->GetNumberOfTuples(), 12);
+  for (int k = 0; k < 12; ++k) EXPECT_EQ(trajectory->GetArray("Status")->GetTuple1(k), 0) << k;
+  s.at(1);
+  ASSERT_EQ(s.output(1)->GetNumberOfPoints(), 1);
+  EXPECT_LT(s.error(), 0.15);
+
+  ThinnedScene scrubbed([](int k) { return k < 2 ? 0.13 : 1; }); // all times were seen one by one before
+  for (int k = 0; k < 12; ++k) scrubbed.at(k);
+  EXPECT_EQ(scrubbed.output(2)->GetPointData()->GetArray("Status")->GetTuple1(0), 1);
+  scrubbed.locator->ProcessAllTimesOn();
+  scrubbed.at(8);
+  for (int k = 0; k < 12; ++k)
+    EXPECT_EQ(scrubbed.output(2)->GetPointData()->GetArray("Status")->GetTuple1(k), 0) << k;
 }
 
 TEST(VtkInvisibleSphereLocator, ForgetsWhatNoLongerHolds) {

@@ -2,6 +2,7 @@
 // search leaves its cube or misses a symmetric minimum, or when a Hessian that is not positive definite goes
 // unnoticed.
 #include "PublishedCost.h"
+#include "PublishedCriteriaByNode.h"
 
 #include <cmath>
 #include <gtest/gtest.h>
@@ -78,6 +79,33 @@ TEST(PublishedCost, ShellsAndTheUpperHemisphereLieWhereTheyShould) {
   EXPECT_LT(up.vortexIn, 0.45); // the shell R to 1.1 R
   s.options.up = -Vector3d::UnitY();
   EXPECT_NEAR(publishedCriteria(s.particles(), s.flow(), Centre, s.options).velocityIn, 0, 0.08);
+}
+
+TEST(PublishedCost, TheFastSumsAreThoseOfTheDefinition) {
+  std::mt19937 random(9);
+  std::normal_distribution<double> normal;
+  Scene s([&](const Vector3d& r) { return Speed * (std::exp(-r.norm() / Radius) + 0.3 * normal(random)); },
+          [&](const Vector3d&) { return 40 * normal(random); });
+  std::vector<unsigned char> mask(s.q.size());
+  for (unsigned char& m : mask) m = normal(random) > 1.5;
+  FlowField flow = s.flow();
+  flow.mask = mask.data();
+  flow.grid.spacing = {0.0007, 0.00055, 0.0006};
+  s.options.velocityScale = Speed;
+  s.options.vortexScale = 40;
+  s.options.seedingDensity = 40000 / std::pow(0.04, 3);
+  s.options.up = Vector3d(0.3, 0.8, -0.5).normalized();
+  const ParticleIndex particles = s.particles();
+  for (int n = 0; n < 40; ++n) { // some reach out of the grid
+    const Vector3d x = 0.008 * Vector3d(normal(random), normal(random), normal(random));
+    const Criteria fast = publishedCriteria(particles, flow, x, s.options),
+                   exact = publishedCriteriaByNode(particles, flow, x, s.options);
+    EXPECT_EQ(fast.density, exact.density);
+    EXPECT_NEAR(fast.velocityIn, exact.velocityIn, 2e-5);
+    EXPECT_NEAR(fast.velocityOut, exact.velocityOut, 2e-5);
+    EXPECT_NEAR(fast.vortexIn, exact.vortexIn, 2e-5);
+    EXPECT_NEAR(fast.vortexOut, exact.vortexOut, 2e-5);
+  }
 }
 
 TEST(PublishedCost, FindsASymmetricSphere) {

@@ -54,6 +54,37 @@ TEST(SphereTracker, SaysLostAndRecovers) {
   EXPECT_LT((again.centre - place(10)).norm(), 0.02 * TracerCloud().diameter);
 }
 
+TEST(SphereTracker, LooksAgainWhereItWasLostBeforeTheFirstFind) {
+  // So thin at the beginning (20 particles in the sphere's volume) that chance makes such voids somewhere in
+  // the whole volume, but hardly in the small cube where the sphere must have been.
+  const auto snapshot = [](int k) {
+    TracerCloud cloud;
+    if (k < 3) cloud.density = 0.028e9;
+    cloud.ghosts = 0;
+    return cloud.positions(place(k), 70 + k);
+  };
+  SphereTracker tracker(options());
+  const auto visit = [&](int k) {
+    const auto x = snapshot(k);
+    return tracker.locate(1e-3 * k, {x.data(), nullptr, x.size() / 3}, nullptr);
+  };
+  for (int k = 0; k < 3; ++k) EXPECT_FALSE(visit(k).found) << k;
+  EXPECT_TRUE(tracker.worthAnotherLook().empty()); // nothing found says where to look
+  for (int k = 3; k < 8; ++k) EXPECT_TRUE(visit(k).found) << k;
+  EXPECT_EQ(tracker.worthAnotherLook(), (std::vector<double>{2e-3, 1e-3, 0}));
+  int found = 0;
+  for (int k = 2; k >= 0; --k) {
+    const LocatedSphere sphere = visit(k);
+    found += sphere.found;
+    if (sphere.found)
+      EXPECT_LT((sphere.centre - place(k)).norm(), 0.12 * TracerCloud().diameter);
+    else
+      EXPECT_FALSE(sphere.text.empty());
+  }
+  EXPECT_GE(found, 2);
+  EXPECT_TRUE(tracker.worthAnotherLook().empty()); // once only
+}
+
 TEST(SphereTracker, AWrongGuessIsNoTrap) {
   TrackerOptions o = options();
   o.guess = Vector3d(0.014, 0.014, 0.008);

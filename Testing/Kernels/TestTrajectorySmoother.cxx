@@ -91,6 +91,20 @@ TEST(TrajectorySmoother, BridgesGapsWithAGrowingCovariance) {
   EXPECT_GT(t.points[0].centreCovariance.trace(), t.points[5].centreCovariance.trace());
 }
 
+TEST(TrajectorySmoother, FarFromAnyFindThereIsNoPrediction) {
+  auto list = estimates(60, 1);
+  for (int k = 30; k < 60; ++k) list[k].found = false;
+  list[10].found = false;
+  SmootherOptions options;
+  options.largestPredictionSigma = 5 * Sigma;
+  const SmoothedTrajectory t = smoothTrajectory(list, options);
+  EXPECT_EQ(t.points[10].status, CentreStatus::Predicted);
+  EXPECT_EQ(t.points[30].status, CentreStatus::Predicted);
+  EXPECT_EQ(t.points[59].status, CentreStatus::Lost);
+  EXPECT_TRUE(t.points[59].centre.hasNaN());
+  EXPECT_EQ(smoothTrajectory(list).points[59].status, CentreStatus::Predicted); // no limit
+}
+
 TEST(TrajectorySmoother, OneWrongEstimateIsLeftOut) {
   auto list = estimates(40, 2);
   list[20].centre.x() += 2e-3;

@@ -1,4 +1,5 @@
 """What the pvpython tests share: the plugin loaded, image comparison, and an exit status that tells."""
+import ctypes
 import os
 import sys
 import unittest
@@ -61,4 +62,5 @@ def main():
     result = unittest.main(module="__main__", argv=sys.argv[:1], exit=False, verbosity=2).result
     sys.stdout.flush()
     sys.stderr.flush()
+    ctypes.CDLL(None).fflush(None)  # what pvpython's stdout holds back
     os._exit(0 if result.wasSuccessful() and result.testsRun else 1)

@@ -1,10 +1,13 @@
 """Breaks when a filter's first picture changes; each image has a numeric twin on the same pipeline."""
+import math
 import unittest
 
 from paraview import simple
 
 import rimflow_testing
 from rimflow_testing import compare_image, render_view
+
+DIAMETER = 0.01111
 
 
 class TestImages(unittest.TestCase):
@@ -25,6 +28,42 @@ class TestImages(unittest.TestCase):
         shown.LookupTable.RescaleTransferFunction(0, 0.35)
         simple.ResetCamera(view)
         compare_image(self, view, "synthetic_tracks")
+
+    def test_located_sphere(self):
+        # a sphere that rises at 0.35 m/s; particles in a thin slab around its middle, and the path behind it
+        tracks = simple.SyntheticTracks(Density=2e8, Diameter=DIAMETER, NumberOfSnapshots=12, PositionNoise=5e-6, GhostFraction=0.005)
+        time = tracks.TimestepValues[9]
+        locator = simple.InvisibleSphereLocator(Particles=tracks, Diameter=DIAMETER, ProcessAllTimes=1)
+        locator.UpdatePipeline(time)
+        # the twin: where it is, how large it is drawn, and how long the path is
+        truth = simple.servermanager.Fetch(tracks).GetFieldData().GetArray("TrueCentre").GetTuple3(0)
+        centre = simple.servermanager.Fetch(locator, idx=1).GetPointData().GetArray("Centre").GetTuple3(0)
+        self.assertLess(math.dist(centre, truth), 0.02 * DIAMETER)
+        bounds = simple.servermanager.Fetch(locator, idx=0).GetBounds()
+        for a in range(3):
+            self.assertAlmostEqual((bounds[2 * a] + bounds[2 * a + 1]) / 2, centre[a], delta=0.005 * DIAMETER)
+            self.assertAlmostEqual(bounds[2 * a + 1] - bounds[2 * a], DIAMETER, delta=0.01 * DIAMETER)
+        path = simple.servermanager.Fetch(locator, idx=2)
+        self.assertEqual(path.GetNumberOfPoints(), 12)
+        length = math.dist(path.GetPoint(0), path.GetPoint(11))
+        self.assertAlmostEqual(length, 0.35 * (tracks.TimestepValues[11] - tracks.TimestepValues[0]), delta=0.02 * DIAMETER)
+        view = render_view()
+        view.ViewTime = time
+        slab = simple.Threshold(Input=simple.Calculator(Input=tracks, ResultArrayName="depth", Function="abs(coordsZ)"),
+                                Scalars=["POINTS", "depth"], ThresholdMethod="Below Lower Threshold", LowerThreshold=5e-4)
+        shown = simple.Show(slab, view)
+        shown.PointSize = 5
+        simple.ColorBy(shown, ("POINTS", "Velocity", "Magnitude"))
+        shown.LookupTable.RescaleTransferFunction(0, 0.35)
+        ball = simple.Show(simple.OutputPort(locator, 0), view)
+        ball.Opacity, ball.DiffuseColor = 0.6, [0.9, 0.6, 0.2]
+        ball.ColorArrayName = ["POINTS", ""]
+        line = simple.Show(simple.OutputPort(locator, 2), view)
+        line.DiffuseColor, line.AmbientColor, line.LineWidth = [0, 0, 0], [0, 0, 0], 3
+        line.ColorArrayName = ["POINTS", ""]
+        view.CameraPosition, view.CameraFocalPoint, view.CameraViewUp = [*truth[:2], 0.2], [*truth[:2], 0], [0, 1, 0]
+        view.CameraParallelProjection, view.CameraParallelScale = 1, 0.012
+        compare_image(self, view, "located_sphere")
 
     def test_vortices(self):
         # A ring: solid rotation that fades with the distance from a circle; Q at its core is known.

@@ -1,6 +1,7 @@
 """Breaks when `rimflow process` does not find the demo's sphere where it is, when two ranks or a resumed run give other numbers
 than one run, or when bad input ends in anything but a clear message. Run by python3; it starts pvbatch itself."""
 import csv
+import gzip
 import json
 import math
 import os
@@ -21,7 +22,8 @@ def process(*arguments, ranks=1, tracks=(TRACKS,)):
     """Runs the command through the launcher's own script, without building again."""
     script = os.path.join(os.environ["PYTHONPATH"].split(":")[0], "rimflow", "process.py")
     run = ["pvbatch"] if ranks == 1 else ["mpirun", "--oversubscribe", "-np", str(ranks), "pvbatch", "--sym"]
-    return subprocess.run([*run, script, *tracks, *arguments], capture_output=True, text=True, timeout=500)
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONUNBUFFERED"}  # it would hide lines that are lost in a buffer
+    return subprocess.run([*run, script, *tracks, *arguments], capture_output=True, text=True, timeout=500, env=environment)
 
 
 def rows(folder, name="trajectory.csv"):
@@ -48,7 +50,7 @@ class TestProcess(unittest.TestCase):
         return result
 
     def test_finds_the_sphere_in_every_snapshot_of_the_demo(self):
-        self.run_demo("all")
+        self.assertIn("16 snapshots: 16 found", self.run_demo("all").stdout)
         table = rows(self.out("all"))
         self.assertEqual([r["snapshot"] for r in table], list(range(16)))
         self.assertEqual({r["status"] for r in table}, {0})
@@ -65,7 +67,7 @@ class TestProcess(unittest.TestCase):
 
     def test_two_ranks_and_a_resumed_run_give_the_numbers_of_one(self):
         self.run_demo("one", "--steps", "2:8")
-        self.run_demo("two", "--steps", "2:8", ranks=2)
+        self.assertIn("6 snapshots: 6 found", self.run_demo("two", "--steps", "2:8", ranks=2).stdout)
         shutil.copytree(self.out("one"), self.out("resumed"))
         for k in (3, 6):
             os.remove(self.out(f"resumed/snapshots/{k:06d}.json"))
@@ -80,6 +82,30 @@ class TestProcess(unittest.TestCase):
                 for axis in "xyz":
                     self.assertAlmostEqual(a[f"{axis}_m"], b[f"{axis}_m"], delta=2e-7)
                     self.assertAlmostEqual(a[f"raw_{axis}_m"], b[f"raw_{axis}_m"], delta=2e-7)
+
+    def test_goes_back_to_snapshots_lost_before_the_first_find(self):
+        # in the first two snapshots every 6th particle: too few to find the sphere without a hint
+        thin, zone, seen = self.out("thin.dat"), 0, 0
+        with gzip.open(TRACKS, "rt", encoding="latin-1") as whole, open(thin, "w", encoding="latin-1") as part:
+            for line in whole:
+                zone += line.startswith("ZONE")
+                if line[0] in "-.0123456789":
+                    seen += 1
+                    if zone <= 2 and seen % 6:
+                        continue
+                elif line.startswith("I="):
+                    line = "J=1, K=1, ZONETYPE=Ordered\n"
+                part.write(line)
+        # with two ranks, the find is another's
+        for name, steps, ranks in (("serial", "1:6", 1), ("parallel", "1:3", 2)):
+            result = process("--out", self.out(name), "--diameter", "9.53mm", "--steps", steps, tracks=[thin], ranks=ranks)
+            self.assertEqual(result.returncode, 0, result.stderr)
+            table = rows(self.out(name))
+            self.assertEqual({r["status"] for r in table}, {0})
+            self.assertLess(max(error(r, "raw_") for r in table), 0.1)
+        # alone, such a snapshot is lost
+        process("--out", self.out("alone"), "--diameter", "9.53mm", "--steps", "1:2", tracks=[thin])
+        self.assertEqual([r["status"] for r in rows(self.out("alone"))], [2])
 
     def test_the_demo_with_fields_and_pictures(self):
         self.run_demo("fields", "--steps", "7:9", "--fields", "vti", "--spacing", "1.5mm", "--images")

@@ -1,0 +1,72 @@
+"""Breaks when an example no longer runs as its first lines say, or does not find the demo's sphere. Run by python3."""
+import os
+import re
+import subprocess
+import tempfile
+import unittest
+
+SOURCE = os.environ["RIMFLOW_SOURCE"]
+TRACKS = os.path.join(SOURCE, "Examples", "demo", "sphere.dat.gz")
+# Examples/demo/README.md
+CENTRE, TIME, VELOCITY = (1.7e-3, 0.0, -0.9e-3), 43.1395, [0.25 * e for e in (-0.0734415, 0.9876883, 0.1381234)]
+
+READ_PATH = """
+import sys
+from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
+reader = vtkXMLPolyDataReader()
+reader.SetFileName(sys.argv[1])
+reader.Update()
+points = reader.GetOutput().GetPointData()
+for k in range(reader.GetOutput().GetNumberOfPoints()):
+    print(points.GetArray("Time").GetValue(k), int(points.GetArray("Status").GetTuple1(k)), *points.GetArray("Centre").GetTuple3(k),
+          *points.GetArray("Velocity").GetTuple3(k))
+"""
+
+
+class TestExamples(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory(prefix="rimflow-examples-")
+        self.addCleanup(folder.cleanup)
+        self.folder = folder.name
+
+    def run_example(self, *command):
+        result = subprocess.run(command, cwd=self.folder, capture_output=True, text=True, timeout=300)
+        self.assertEqual(result.returncode, 0, result.stderr)
+        self.assertNotIn("Traceback", result.stderr)
+        self.assertNotIn("ERR|", result.stderr)
+        return result.stdout
+
+    def check_place(self, time, centre):
+        for a in range(3):
+            self.assertAlmostEqual(centre[a], CENTRE[a] + VELOCITY[a] * (time - TIME), delta=0.03 * 9.53e-3)
+
+    def path(self):
+        """The rows of trajectory.vtp: time, status, centre, velocity."""
+        return [[float(v) for v in line.split()] for line in self.run_example(
+            "pvpython", "-c", f"import sys; sys.argv = ['', 'trajectory.vtp']\n{READ_PATH}").splitlines() if line]
+
+    def test_pvpython_locate_sphere(self):
+        printed = self.run_example("pvpython", os.path.join(SOURCE, "Examples", "pvpython", "locate_sphere.py"), TRACKS, "0.00953")
+        rows = re.findall(r"^([\d.]+) s: \((\S+), (\S+), (\S+)\) mm", printed, re.MULTILINE)
+        self.assertEqual(len(rows), 16)
+        for row in rows:
+            self.check_place(float(row[0]), [1e-3 * float(v) for v in row[1:]])
+        self.assertGreater(os.path.getsize(os.path.join(self.folder, "trajectory.vtp")), 1000)
+
+    def test_pvbatch_locate_in_parallel(self):
+        script = os.path.join(SOURCE, "Examples", "pvbatch", "locate_in_parallel.py")
+        for ranks in (1, 3):
+            self.run_example("mpirun", "--oversubscribe", "-np", str(ranks), "pvbatch", "--sym", script, TRACKS, "0.00953", "trajectory.vtp")
+            rows = self.path()
+            self.assertEqual(len(rows), 16)
+            self.assertEqual([r[0] for r in rows], sorted(r[0] for r in rows))
+            for time, status, *state in rows:
+                self.assertEqual(status, 0)
+                self.check_place(time, state[:3])
+                for a in range(3):
+                    self.assertAlmostEqual(state[3 + a], VELOCITY[a], delta=0.01)
+            os.remove(os.path.join(self.folder, "trajectory.vtp"))
+
+
+if __name__ == "__main__":
+    unittest.main(verbosity=2)
