@@ -1,0 +1,173 @@
+"""Tables (Markdown) and plots (PNG) from the rows of results.csv, and the page that shows them."""
+import os
+import re
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.ticker import LogLocator
+
+FLOWS = {"random": "random solenoidal", "abc": "ABC", "taylor-green": "Taylor-Green", "stokes": "Stokes sphere", "cfd": "CFD sphere"}
+QUANTITIES = ("velocity", "vorticity", "acceleration")
+OURS = "#0072b2"
+# Okabe and Ito's colours, which stay apart for the colour-blind; each method has its own marker besides.
+LOOK = {"VIC#": (OURS, "o", "-"), "VIC#, no accelerations": (OURS, "s", "--"), "VIC#, no Body": ("black", "x", ":"),
+        "RBF cubic, 50 neighbours (SciPy)": ("#009e73", "^", "-"), "RBF, smoothed (SciPy)": ("#56b4e9", ">", "-"), "Delaunay linear (SciPy)": ("#d55e00", "v", "-"),
+        "Delaunay linear with wall points": ("#d55e00", "P", ":"), "Gaussian weighting": ("#cc79a7", "D", "-"), "Shepard (VTK)": ("#e69f00", "<", "-")}
+
+
+def numbers(rows, **wanted):
+    return [r for r in rows if all(r[k] == v if isinstance(v, str) else abs(float(r[k]) - v) < 1e-9 for k, v in wanted.items())]
+
+
+def mean(rows, column):
+    return float(np.mean([float(r[column]) for r in rows])) if rows else np.nan
+
+
+def ratio_text(value):
+    return "-" if np.isnan(value) else f"{value:.3f}"
+
+
+def errors_text(rows):
+    return " / ".join(ratio_text(mean(rows, f"{q}_error")) for q in QUANTITIES)
+
+
+def markdown(head, lines):
+    return "\n".join(["| " + " | ".join(head) + " |", "|" + " --- |" * len(head)] + ["| " + " | ".join(line) + " |" for line in lines])
+
+
+def unique(rows, column):
+    return list(dict.fromkeys(r[column] for r in rows))
+
+
+def peers_table(rows):
+    rows = numbers(rows, study="peers")
+    lines = []
+    for method in unique(rows, "method"):
+        clean, noisy = (numbers(rows, method=method, noise=n) for n in (0.0, 0.05))
+        settings = [s for s in unique(clean + noisy, "setting") if s and "iterations" not in s]
+        name = method + (f" ({' or '.join(settings)})" if settings else "")
+        lines.append([name, errors_text(clean), errors_text(noisy), ratio_text(mean(noisy, "divergence")), f"{mean(clean + noisy, 'seconds'):.1f} s"])
+    return markdown(["method", "clean", "5 % noise", "divergence (noisy)", "time"], lines)
+
+
+def against_best(found, methods):
+    """VIC#'s error over that of the best other method, quantity by quantity."""
+    others = [m for m in methods if not m.startswith("VIC#")]
+    return " / ".join(f"{mean(numbers(found, method='VIC#'), q + '_error') / min(mean(numbers(found, method=m), q + '_error') for m in others):.2f}" for q in QUANTITIES)
+
+
+def flows_table(rows):
+    """All flows at the usual spacing and noise."""
+    methods = [m for m in LOOK if m not in ("VIC#, no Body", "Delaunay linear with wall points")]
+    lines = []
+    for flow, title in FLOWS.items():
+        found = [r for r in rows if r["study"] in ("spacing", "noise") and r["flow"] == flow and r["region"] in ("all", "far")
+                 and float(r["particle_spacing_h"]) == 3 and (flow == "cfd" or float(r["noise"]) == 0.02)]
+        if found:
+            lines.append([title + (", far" if found[0]["region"] == "far" else "")] + [errors_text(numbers(found, method=m)) for m in methods]
+                         + [against_best(found, methods)])
+    return markdown(["flow"] + methods + ["VIC# over the best other"], lines)
+
+
+def wall_table(rows):
+    methods = ("VIC#", "VIC#, no Body", "Delaunay linear (SciPy)", "Delaunay linear with wall points", "RBF cubic, 50 neighbours (SciPy)", "RBF, smoothed (SciPy)")
+    lines = []
+    for flow in ("stokes", "cfd"):
+        tight = [r for r in rows if r["flow"] == flow and r["study"] == "spacing"]
+        for ratio in sorted({float(r["particle_spacing_h"]) for r in tight})[:2]:
+            for region in ("near", "far"):
+                found = numbers(tight, region=region, particle_spacing_h=ratio)
+                if found:
+                    lines.append([FLOWS[flow], f"{ratio:.3g} h", region] + [errors_text(numbers(found, method=m)) for m in methods]
+                                 + [against_best(found, methods)])
+    return markdown(["flow", "particle spacing", "nodes"] + list(methods) + ["VIC# over the best other"], lines)
+
+
+def tables(rows):
+    made = {"peers": (peers_table, ("peers",)), "flows": (flows_table, ("spacing",)), "wall": (wall_table, ("spacing",))}
+    return {name: make(rows) for name, (make, studies) in made.items() if any(r["study"] in studies for r in rows)}
+
+
+def panels(rows, flows, methods, across, label, regions, title):
+    """Rows: velocity, vorticity, acceleration; columns: flows. `across(rows)` gives the abscissa of a row."""
+    figure, axes = plt.subplots(3, len(flows), figsize=(max(2.6 * len(flows) + 1, 8), 9), sharex="col", sharey="row", squeeze=False)
+    handles = {}
+    for column, flow in enumerate(flows):
+        for row, quantity in enumerate(QUANTITIES):
+            ax = axes[row, column]
+            for method in methods:
+                found = [r for r in rows if r["flow"] == flow and r["method"] == method and r["region"] in regions]
+                if not found:
+                    continue
+                found.sort(key=across)
+                colour, marker, line = LOOK[method]
+                ours = method.startswith("VIC#")
+                handles[method], = ax.plot([across(r) for r in found], [float(r[f"{quantity}_error"]) for r in found], line, color=colour, marker=marker,
+                                           lw=2 if ours else 1.2, ms=5, zorder=4 if colour == "black" else 3 if ours else 2, label=method)
+            ax.set_yscale("log")
+            ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            ax.yaxis.set_major_formatter(plt.FuncFormatter(lambda v, _: f"{v:g}"))
+            ax.yaxis.set_minor_formatter(plt.NullFormatter())
+            ax.grid(alpha=0.3, which="both")
+            if column == 0:
+                ax.set_ylabel(f"{quantity}: rms error / rms [-]")
+        axes[0, column].set_title(FLOWS[flow] + (f", {regions[0]}" if flow in ("stokes", "cfd") else ""), fontsize=10)
+        axes[2, column].set_xlabel(label)
+    figure.suptitle(title, fontsize=11)
+    figure.legend(handles.values(), handles.keys(), loc="lower center", ncols=3, fontsize=9)
+    figure.tight_layout(rect=(0, 0.07, 1, 1))  # the legend stands below
+    return figure
+
+
+def spacing_of(row):
+    return float(row["particle_spacing_h"])
+
+
+def noise_of(row):
+    return 100 * float(row["noise"])
+
+
+def plots(rows):
+    away = [m for m in LOOK if m not in ("VIC#, no Body", "Delaunay linear with wall points")]
+    by_spacing = [r for r in rows if r["study"] == "spacing"]
+    by_noise = [r for r in rows if r["study"] in ("spacing", "noise") and float(r["particle_spacing_h"]) == 3 and r["flow"] != "cfd"]
+    if by_spacing:
+        yield "spacing.png", panels(by_spacing, [f for f in FLOWS if numbers(by_spacing, flow=f)], away, spacing_of, "particle spacing / grid spacing [-]",
+                                    ("far", "all"), "Error against particle spacing; 2 % noise on velocity, 8 % on acceleration (CFD: its own)")
+        spheres = [f for f in ("stokes", "cfd") if numbers(by_spacing, flow=f)]
+        if spheres:
+            near = ["VIC#", "VIC#, no accelerations", "VIC#, no Body", "RBF cubic, 50 neighbours (SciPy)", "RBF, smoothed (SciPy)", "Delaunay linear (SciPy)",
+                    "Delaunay linear with wall points"]
+            yield "wall.png", panels(by_spacing, spheres, near, spacing_of, "particle spacing / grid spacing [-]", ("near",), "Within 1.5 h of the wall")
+    if by_noise:
+        yield "noise.png", panels(by_noise, [f for f in FLOWS if numbers(by_noise, flow=f)], away, noise_of, "noise [% of rms velocity]",
+                                  ("far", "all"), "Error against noise; particles 3 h apart, noise on acceleration 4 times that part")
+
+
+def write(folder, rows):
+    """The plots into `folder`; returns the tables."""
+    for name, figure in plots(rows):
+        figure.savefig(os.path.join(folder, name), dpi=90)
+        plt.close(figure)
+    found = tables(rows)
+    return found
+
+
+def between_marks(found):
+    return "\n\n".join(f"<!-- table:{name} -->\n{text}\n<!-- /table:{name} -->" for name, text in found.items()) + "\n"
+
+
+def fill(path, found):
+    """Puts each table between its markers `<!-- table:NAME -->` and `<!-- /table:NAME -->`."""
+    with open(path, encoding="utf-8") as f:
+        text = f.read()
+    for name, table in found.items():
+        text, count = re.subn(rf"(<!-- table:{name} -->\n).*?(<!-- /table:{name} -->)", lambda m: m[1] + table + "\n" + m[2], text, flags=re.DOTALL)
+        if count != 1:
+            raise ValueError(f"{path} has {count} places for the table '{name}'; expected one: <!-- table:{name} --> ... <!-- /table:{name} -->")
+    with open(path + ".new", "w", encoding="utf-8") as f:
+        f.write(text)
+    os.replace(path + ".new", path)
