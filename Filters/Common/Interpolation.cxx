@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <stdexcept>
+#include <type_traits>
 
 namespace rimflow {
 namespace {
@@ -64,44 +65,63 @@ Sampler<Real>::Sampler(const Grid& grid, const double* positions, std::size_t co
                     point_.begin());
 }
 
+// f(constant) with the nodes along x as a constant: the inner loops become one vector instruction.
+namespace {
+template <class F>
+void withConstant(int points, F&& f) {
+  if (points == 4) return f(std::integral_constant<int, 4>());
+  if (points == 2) return f(std::integral_constant<int, 2>());
+  f(std::integral_constant<int, 1>());
+}
+} // namespace
+
 template <class Real>
 void Sampler<Real>::sample(const Real* field, Real* values) const {
   const std::ptrdiff_t sy = grid_.n[0], sz = std::ptrdiff_t(grid_.n[0]) * grid_.n[1];
-  const int nx = points_[0], ny = points_[1], nz = points_[2];
+  const int ny = points_[1], nz = points_[2];
+  withConstant(points_[0], [&](auto alongX) {
+    constexpr int nx = decltype(alongX)::value;
 #pragma omp parallel for schedule(static)
-  for (std::size_t p = 0; p < point_.size(); ++p) {
-    const Point& q = point_[p];
-    Real sum = 0;
-    for (int k = 0; k < nz; ++k)
-      for (int j = 0; j < ny; ++j) {
-        const Real* f = field + q.node + j * sy + k * sz;
-        Real row = 0;
-        for (int i = 0; i < nx; ++i) row += q.weight[0][i] * f[i];
-        sum += q.weight[1][j] * q.weight[2][k] * row;
-      }
-    values[q.given] = sum;
-  }
+    for (std::size_t p = 0; p < point_.size(); ++p) {
+      const Point& q = point_[p];
+      Real row[nx] = {};
+      for (int k = 0; k < nz; ++k)
+        for (int j = 0; j < ny; ++j) {
+          const Real* f = field + q.node + j * sy + k * sz;
+          const Real w = q.weight[1][j] * q.weight[2][k];
+          for (int i = 0; i < nx; ++i) row[i] += w * f[i];
+        }
+      Real sum = 0;
+      for (int i = 0; i < nx; ++i) sum += q.weight[0][i] * row[i];
+      values[q.given] = sum;
+    }
+  });
 }
 
 template <class Real>
 void Sampler<Real>::addTransposed(const Real* values, Real* field) const {
   const std::ptrdiff_t sy = grid_.n[0], sz = std::ptrdiff_t(grid_.n[0]) * grid_.n[1];
-  const int nx = points_[0], ny = points_[1], nz = points_[2], layers = grid_.n[2];
+  const int ny = points_[1], nz = points_[2], layers = grid_.n[2];
   // Points whose lowest node is in layer k write to the layers k to k + nz - 1. Every nz-th layer at once, so
   // that no two threads meet and every node sums in the same order.
-  for (int phase = 0; phase < nz; ++phase) {
+  withConstant(points_[0], [&](auto alongX) {
+    constexpr int nx = decltype(alongX)::value;
+    for (int phase = 0; phase < nz; ++phase) {
 #pragma omp parallel for schedule(static)
-    for (int layer = phase; layer < layers; layer += nz)
-      for (std::size_t p = layerStart_[layer]; p < layerStart_[layer + 1]; ++p) {
-        const Point& q = point_[p];
-        for (int k = 0; k < nz; ++k)
-          for (int j = 0; j < ny; ++j) {
-            Real* f = field + q.node + j * sy + k * sz;
-            const Real w = values[q.given] * q.weight[1][j] * q.weight[2][k];
-            for (int i = 0; i < nx; ++i) f[i] += w * q.weight[0][i];
-          }
-      }
-  }
+      for (int layer = phase; layer < layers; layer += nz)
+        for (std::size_t p = layerStart_[layer]; p < layerStart_[layer + 1]; ++p) {
+          const Point& q = point_[p];
+          Real row[nx];
+          for (int i = 0; i < nx; ++i) row[i] = values[q.given] * q.weight[0][i];
+          for (int k = 0; k < nz; ++k)
+            for (int j = 0; j < ny; ++j) {
+              Real* f = field + q.node + j * sy + k * sz;
+              const Real w = q.weight[1][j] * q.weight[2][k];
+              for (int i = 0; i < nx; ++i) f[i] += w * row[i];
+            }
+        }
+    }
+  });
 }
 
 template <class Real>

@@ -10,7 +10,7 @@ namespace rimflow {
 
 struct LBFGSOptions {
   int maximumIterations = 100;
-  int memory = 10;                    ///< pairs of steps and gradient changes kept, >= 1
+  int memory = 5;                    ///< pairs of steps and gradient changes kept, >= 1
   double relativeGradientNorm = 1e-6; ///< stop when |g| <= this |g at the start|
   double sufficientDecrease = 1e-4;   ///< c1 of the Wolfe conditions
   double curvature = 0.9;             ///< c2 of the Wolfe conditions, c1 < c2 < 1
@@ -173,16 +173,25 @@ private:
   void updateProducts(const std::vector<const Real*>& basis, const Vector& gradient) {
     const int vectors = int(basis.size()), pairs = vectors / 2;
     if (vectors == 0) return;
-    const Real* newest[3] = {basis[pairs - 1], basis[vectors - 1], gradient.data()};
+    const Real *step = basis[pairs - 1], *change = basis[vectors - 1];
     const std::size_t n = gradient.size();
     const std::ptrdiff_t chunks = std::ptrdiff_t((n + Chunk - 1) / Chunk);
     std::vector<double> partial(chunks * 3 * vectors);
 #pragma omp parallel for schedule(static)
     for (std::ptrdiff_t c = 0; c < chunks; ++c)
-      for (int v = 0; v < vectors; ++v)
-        for (int w = 0; w < 3; ++w)
-          partial[(c * vectors + v) * 3 + w] =
-              dot(basis[v], newest[w], c * Chunk, std::min(n, std::size_t(c + 1) * Chunk));
+      for (int v = 0; v < vectors; ++v) {
+        const Real* b = basis[v];
+        const std::size_t to = std::min(n, std::size_t(c + 1) * Chunk);
+        double withStep = 0, withChange = 0, withGradient = 0;
+#pragma omp simd reduction(+ : withStep, withChange, withGradient)
+        for (std::size_t i = c * Chunk; i < to; ++i) {
+          withStep += double(b[i]) * double(step[i]);
+          withChange += double(b[i]) * double(change[i]);
+          withGradient += double(b[i]) * double(gradient[i]);
+        }
+        double* out = &partial[(c * vectors + v) * 3];
+        out[0] = withStep, out[1] = withChange, out[2] = withGradient;
+      }
     std::vector<double> total(3 * vectors, 0.);
     for (std::ptrdiff_t c = 0; c < chunks; ++c)
       for (int e = 0; e < 3 * vectors; ++e) total[e] += partial[c * 3 * vectors + e];

@@ -16,6 +16,7 @@ namespace {
 using Model = VICSharpModel<float>;
 
 constexpr std::size_t MinimumParticles = 20;
+constexpr double CoarseTolerance = 0.3; // times that of the finest grid
 // In mean particle spacings. A random cloud leaves a given ball of this size empty with probability 2e-11.
 constexpr double VoidRadius = 1.8;
 constexpr double CalibrationNodes = 6e4; // about 7000 particles
@@ -703,7 +704,7 @@ VICSharpResult vicSharp(const VICSharpTracks& tracks, const VICSharpOptions& opt
     if (state) reconstruction.suppressOutliers(found->velocityNoise, found->accelerationNoise);
     // The large scales converge slowly, and cost an eighth on the next coarser grid: well converged there.
     reconstruction.useNoise(found->velocityNoise, found->accelerationNoise,
-                            options.tolerance * (level == 0 ? 1 : 0.1));
+                            options.tolerance * (level == 0 ? 1 : CoarseTolerance));
     reconstruction.moveTo(level == 0 ? p.grid : coarseGrid(p.grid, factors[level]), state.get());
     outcome = level == 0 ? reconstruction.minimise(options.maximumIterations, part(progress, 0.4, 1))
                          : reconstruction.minimise(1000, part(progress, 0.3, 0.4));
