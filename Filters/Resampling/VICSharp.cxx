@@ -164,11 +164,16 @@ public:
   const Model& model() const { return *model_; }
 
   /// To another grid, from a solution on any grid or from zero.
-  void moveTo(const Grid& grid, const VICSharpState* start) {
+  void moveTo(const Grid& grid, const Model::State* start) {
     model_ = std::make_unique<Model>(grid, data_, constants_);
     x_ = start ? model_->unknowns(*start) : std::vector<float>(model_->size(), 0.f);
   }
-  void restart(double curvatureWeight, const VICSharpState& start) {
+  /// To the start as it is, and the difference of two other solutions.
+  void addDetails(const Model::State& fine, const Model::State& coarse) {
+    const std::vector<float> a = model_->unknowns(fine), b = model_->unknowns(coarse);
+    for (std::size_t e = 0; e < x_.size(); ++e) x_[e] += a[e] - b[e];
+  }
+  void restart(double curvatureWeight, const Model::State& start) {
     constants_.curvatureWeight = curvatureWeight;
     model_->setConstants(constants_);
     x_ = model_->unknowns(start);
@@ -241,7 +246,7 @@ public:
     };
     reconstruction_.moveTo(coarse, nullptr);
     reconstruction_.minimise(60, part(0, 0.1));
-    VICSharpState start = reconstruction_.model().state();
+    Model::State start = reconstruction_.model().state();
     if (reconstruction_.aborted()) return best_;
     reconstruction_.moveTo(grid, &start);
     reconstruction_.minimise(options_.curvatureWeight > 0 ? 60 : 40, part(0.1, 0.4));
@@ -680,7 +685,7 @@ calibrateVICSharp(const VICSharpTracks& tracks, const VICSharpOptions& options, 
 }
 
 VICSharpResult vicSharp(const VICSharpTracks& tracks, const VICSharpOptions& options,
-                        const VICSharpCalibration* calibration, const VICSharpState* start,
+                        const VICSharpCalibration* calibration, const VICSharpSolution* start,
                         const Progress& progress) {
   Problem p = problem(tracks, options);
   VICSharpResult result;
@@ -694,27 +699,32 @@ VICSharpResult vicSharp(const VICSharpTracks& tracks, const VICSharpOptions& opt
   result.calibration = *found;
   p.constants.curvatureWeight = found->curvatureWeight;
 
-  std::vector<double> factors{1};
-  while (!start && 2 * factors.back() * options.grid.spacing[0] <= 1.3 * p.spacing)
-    factors.push_back(2 * factors.back());
+  std::vector<double> factors{1}; // of the spacings, coarse to fine
+  while (2 * factors.front() * options.grid.spacing[0] <= 1.3 * p.spacing)
+    factors.insert(factors.begin(), 2 * factors.front());
+  const std::size_t levels = factors.size();
+  if (start && start->size() != levels) start = nullptr;
   Reconstruction reconstruction(p.data, p.constants, options);
-  auto state = start ? std::make_shared<VICSharpState>(*start) : nullptr;
+  auto solution = std::make_shared<VICSharpSolution>();
   LBFGSResult outcome;
-  for (std::size_t level = factors.size(); level-- > 0;) {
-    if (state) reconstruction.suppressOutliers(found->velocityNoise, found->accelerationNoise);
-    // The large scales converge slowly, and cost an eighth on the next coarser grid: well converged there.
+  for (std::size_t level = 0; level < levels; ++level) {
+    const bool finest = level + 1 == levels;
+    if (level > 0) reconstruction.suppressOutliers(found->velocityNoise, found->accelerationNoise);
     reconstruction.useNoise(found->velocityNoise, found->accelerationNoise,
-                            options.tolerance * (level == 0 ? 1 : CoarseTolerance));
-    reconstruction.moveTo(level == 0 ? p.grid : coarseGrid(p.grid, factors[level]), state.get());
-    outcome = level == 0 ? reconstruction.minimise(options.maximumIterations, part(progress, 0.4, 1))
-                         : reconstruction.minimise(1000, part(progress, 0.3, 0.4));
+                            options.tolerance * (finest ? 1 : CoarseTolerance));
+    reconstruction.moveTo(finest ? p.grid : coarseGrid(p.grid, factors[level]), level > 0 ? &solution->back()
+                                                                                : start   ? &start->front()
+                                                                                          : nullptr);
+    if (level > 0 && start) reconstruction.addDetails((*start)[level], (*start)[level - 1]);
+    outcome = finest ? reconstruction.minimise(options.maximumIterations, part(progress, 0.4, 1))
+                     : reconstruction.minimise(1000, part(progress, 0.3, 0.4));
     result.aborted = reconstruction.aborted();
     if (result.aborted) return result;
-    state = std::make_shared<VICSharpState>(reconstruction.model().state());
+    solution->push_back(reconstruction.model().state());
   }
 
   const Model& model = reconstruction.model();
-  result.state = state;
+  result.solution = solution;
   result.iterations = outcome.iterations;
   result.stop = outcome.status == LBFGSStatus::MaximumIterations
                     ? "the largest number of iterations was reached"

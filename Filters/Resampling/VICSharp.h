@@ -48,8 +48,8 @@ struct VICSharpCalibration {
   double velocityHeldOut = 0, accelerationHeldOut = 0; ///< rms misfit of particles held out: m/s, m/s2
 };
 
-/// A solution, to start another one from.
-using VICSharpState = VICSharpModel<float>::State;
+/// A solution on each of the grids, coarse to fine, to start another one from.
+using VICSharpSolution = std::vector<VICSharpModel<float>::State>;
 
 struct VICSharpResult {
   bool aborted = false; ///< then nothing else counts
@@ -65,7 +65,7 @@ struct VICSharpResult {
   std::size_t outliers = 0;   ///< left out, because they do not belong among their neighbours
   double particleSpacing = 0; ///< r, m
   std::string stop;           ///< why the iteration ended
-  std::shared_ptr<const VICSharpState> state;
+  std::shared_ptr<const VICSharpSolution> solution;
 };
 
 /// Finds bc, the weight of smoothness, and the noise levels where they are not given, on a part of the
@@ -86,6 +86,6 @@ std::optional<VICSharpCalibration> calibrateVICSharp(const VICSharpTracks& track
 /// little to go on.
 VICSharpResult vicSharp(const VICSharpTracks& tracks, const VICSharpOptions& options,
                         const VICSharpCalibration* calibration = nullptr,
-                        const VICSharpState* start = nullptr, const Progress& progress = {});
+                        const VICSharpSolution* start = nullptr, const Progress& progress = {});
 
 } // namespace rimflow

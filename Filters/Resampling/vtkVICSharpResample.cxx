@@ -123,7 +123,7 @@ struct vtkVICSharpResample::Internals {
   vtkMTimeType upstream = 0;    // of everything that the particles come from
   std::optional<rimflow::VICSharpCalibration> calibration;
   vtkMTimeType calibrated = 0; // with the settings of that time
-  std::shared_ptr<const rimflow::VICSharpState> lastSolution;
+  std::shared_ptr<const rimflow::VICSharpSolution> lastSolution;
 };
 
 vtkVICSharpResample::vtkVICSharpResample() : State(new Internals) {
@@ -239,7 +239,7 @@ int vtkVICSharpResample::RequestData(vtkInformation*, vtkInformationVector** inp
         tracks.view(), options, &*state.calibration, this->WarmStart ? state.lastSolution.get() : nullptr,
         this->ProgressBetween(0.3, 1));
     if (result.aborted) return 1;
-    state.lastSolution = result.state;
+    state.lastSolution = result.solution;
     fill(output, result);
   } catch (const std::invalid_argument& error) {
     output->Initialize();

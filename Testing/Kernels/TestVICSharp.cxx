@@ -97,7 +97,7 @@ VICSharpResult run(const Scene& s, bool accelerations = true, const VICSharpResu
   o.viscosity = 0;
   VICSharpTracks t = s.tracks();
   if (!accelerations) t.accelerations = nullptr;
-  return vicSharp(t, o, before ? &before->calibration : nullptr, before ? before->state.get() : nullptr);
+  return vicSharp(t, o, before ? &before->calibration : nullptr, before ? before->solution.get() : nullptr);
 }
 
 } // namespace
