@@ -22,6 +22,7 @@
 #include <algorithm>
 #include <chrono>
 #include <optional>
+#include <sstream>
 #include <stdexcept>
 #include <vector>
 
@@ -118,11 +119,10 @@ void fill(vtkImageData* image, const rimflow::VICSharpResult& r) {
 /// What stays the same over all times.
 struct vtkVICSharpResample::Internals {
   rimflow::Grid grid;
-  Tracks sample;                // the snapshot in the middle of the series
-  std::vector<double> settings; // that the grid was laid out with; empty: not yet
-  vtkMTimeType upstream = 0;    // of everything that the particles come from
+  Tracks sample;             // the snapshot in the middle of the series
+  std::string settings;      // that all this belongs to; empty: not yet
+  vtkMTimeType upstream = 0; // of everything that the particles come from
   std::optional<rimflow::VICSharpCalibration> calibration;
-  vtkMTimeType calibrated = 0; // with the settings of that time
   std::shared_ptr<const rimflow::VICSharpSolution> lastSolution;
 };
 
@@ -140,14 +140,20 @@ int vtkVICSharpResample::FillInputPortInformation(int port, vtkInformation* info
   return 1;
 }
 
-/// The grid is the same at all times: it is laid out for the snapshot in the middle of the series.
+/// The grid is the same at all times: it is laid out for the snapshot in the middle of the series, and noise
+/// and smoothness are found from that one too, so that no result depends on where the user looked first.
 void vtkVICSharpResample::LayOut(vtkInformation* in) {
-  const std::vector<double> settings{this->Spacing,   double(this->UseBounds), this->Bounds[0],
-                                     this->Bounds[1], this->Bounds[2],         this->Bounds[3],
-                                     this->Bounds[4], this->Bounds[5]};
+  std::ostringstream settings;
+  settings << this->Spacing << " " << this->UseBounds << " " << this->Viscosity << " " << this->VelocityNoise
+           << " " << this->AccelerationNoise << " " << this->UseAcceleration;
+  for (double b : this->Bounds) settings << " " << b;
+  for (int array : {0, 1}) {
+    const char* name = this->GetInputArrayInformation(array)->Get(vtkDataObject::FIELD_NAME());
+    settings << " " << (name ? name : "");
+  }
   const vtkMTimeType upstream = rimflow::upstreamMTime(this, 0);
   Internals& state = *this->State;
-  if (settings == state.settings && upstream == state.upstream) return;
+  if (settings.str() == state.settings && upstream == state.upstream) return;
   state = Internals();
   vtkAlgorithm* producer = this->GetInputAlgorithm(0, 0);
   const int steps = in->Length(Pipeline::TIME_STEPS());
@@ -167,7 +173,7 @@ void vtkVICSharpResample::LayOut(vtkInformation* in) {
                                        positions ? std::size_t(positions->GetNumberOfTuples()) : 0,
                                        this->Spacing, bounds);
   state.sample = tracksOf(this, particles, this->UseAcceleration);
-  state.settings = settings;
+  state.settings = settings.str();
   state.upstream = upstream;
 }
 
@@ -226,13 +232,11 @@ int vtkVICSharpResample::RequestData(vtkInformation*, vtkInformationVector** inp
     options.accelerationNoise =
         this->AccelerationNoise > 0 ? this->AccelerationNoise : fieldNumber(particles, "AccelerationNoise");
     options.maximumIterations = this->MaximumIterations;
-    if (state.calibrated < this->GetMTime()) {
-      state.lastSolution = nullptr;
+    if (!state.calibration) {
       const bool usable = state.sample.velocities != nullptr;
       state.calibration = rimflow::calibrateVICSharp((usable ? state.sample : tracks).view(), options,
                                                      this->ProgressBetween(0, 0.3));
       if (!state.calibration) return 1; // aborted: the output stays empty
-      state.calibrated = this->GetMTime();
     }
     if (bodyData) options.body = rimflow::bodyOf(bodyData);
     const rimflow::VICSharpResult result = rimflow::vicSharp(
