@@ -1,9 +1,149 @@
 #include "BoxPoisson.h"
 
+#include <Eigen/Eigenvalues>
+#include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <stdexcept>
+#include <utility>
 
 namespace rimflow {
+namespace {
+
+// Matrix products with few rows to copy: for halves of a line, Eigen's general product spends much of its
+// time in rearranging its arguments. A block of the result stays in registers while its sum runs.
+constexpr int VectorBytes = EIGEN_MAX_STATIC_ALIGN_BYTES > 16 ? EIGEN_MAX_STATIC_ALIGN_BYTES : 16;
+constexpr int BlockVectors = 3, BlockColumns = VectorBytes == 64 ? 8 : 4; // of 32 or 16 registers
+
+template <class Real>
+constexpr int Width = VectorBytes / int(sizeof(Real));
+
+template <class Real>
+struct View {
+  Real* data;
+  std::ptrdiff_t stride; // between columns
+  operator View<const Real>() const { return {data, stride}; }
+  View at(int row, int column) const { return {data + row + column * stride, stride}; }
+};
+
+// The rows of a left factor, in whole vectors; an odd number of them, so that columns spread over the cache.
+template <class Real>
+int paddedRows(int rows) {
+  return ((rows + Width<Real> - 1) / Width<Real> | 1) * Width<Real>;
+}
+
+// At most `count` elements of a vector
+template <class Real, class Vector>
+void store(Vector value, Real* to, int count) {
+  if (count >= Width<Real>)
+    std::memcpy(to, &value, sizeof value);
+  else
+    for (int i = 0; i < count; ++i) to[i] = value[i];
+}
+
+// C = A B for at most `rows` rows of a block; A is read beyond them, to the end of a vector.
+template <class Real, int Vectors, int Columns>
+void multiplyBlock(View<const Real> a, View<const Real> b, View<Real> c, int rows, int depth) {
+  typedef Real Vector __attribute__((vector_size(VectorBytes)));
+  Vector sum[Columns][Vectors] = {};
+  for (int l = 0; l < depth; ++l) {
+    Vector left[Vectors];
+#pragma GCC unroll 8
+    for (int v = 0; v < Vectors; ++v) std::memcpy(&left[v], a.at(v * Width<Real>, l).data, sizeof(Vector));
+#pragma GCC unroll 8
+    for (int j = 0; j < Columns; ++j)
+#pragma GCC unroll 8
+      for (int v = 0; v < Vectors; ++v) sum[j][v] += left[v] * b.data[l + j * b.stride];
+  }
+#pragma GCC unroll 8
+  for (int j = 0; j < Columns; ++j)
+#pragma GCC unroll 8
+    for (int v = 0; v < Vectors; ++v) {
+      const Vector value = sum[j][v];
+      store(value, c.at(v * Width<Real>, j).data, rows - v * Width<Real>);
+    }
+}
+
+template <class Real>
+using Multiply = void (*)(View<const Real>, View<const Real>, View<Real>, int, int);
+
+template <class Real, int... I>
+Multiply<Real> multiplyBlockOf(int vectors, int columns, std::integer_sequence<int, I...>) {
+  static constexpr Multiply<Real> Table[] = {
+      &multiplyBlock<Real, I / BlockColumns + 1, I % BlockColumns + 1>...};
+  return Table[(vectors - 1) * BlockColumns + columns - 1];
+}
+
+// C = A B in blocks of nearly equal size; C has rows x columns.
+template <class Real>
+void multiply(View<const Real> a, View<const Real> b, View<Real> c, int rows, int columns, int depth) {
+  const int vectors = (rows + Width<Real> - 1) / Width<Real>,
+            panels = (vectors + BlockVectors - 1) / BlockVectors,
+            strips = (columns + BlockColumns - 1) / BlockColumns;
+  for (int p = 0; p < panels; ++p)
+    for (int s = 0; s < strips; ++s) {
+      const int v = vectors * p / panels, i = v * Width<Real>, j = columns * s / strips;
+      multiplyBlockOf<Real>(vectors * (p + 1) / panels - v, columns * (s + 1) / strips - j,
+                            std::make_integer_sequence<int, BlockVectors * BlockColumns>())(
+          a.at(i, 0), b.at(0, j), c.at(i, j), rows - i, depth);
+    }
+}
+
+// Folds a line: f[i], f[n-1-i] -> f[i] + f[n-1-i], f[i] - f[n-1-i]. Its transpose, which unfolds, is the same.
+template <class Real>
+void foldRow(Real* f, int n) {
+#pragma omp simd
+  for (int i = 0; i < n / 2; ++i) {
+    const Real a = f[i], b = f[n - 1 - i];
+    f[i] = a + b;
+    f[n - 1 - i] = a - b;
+  }
+}
+
+// Likewise for columns j and n-1-j of `rows` rows
+template <class Real>
+void foldColumns(View<const Real> from, View<Real> to, int rows, int j, int n) {
+  const Real *a = from.at(0, j).data, *b = from.at(0, n - 1 - j).data;
+  Real *sum = to.at(0, j).data, *difference = to.at(0, n - 1 - j).data;
+  if (j == n - 1 - j) {
+    std::copy_n(a, rows, sum);
+    return;
+  }
+#pragma omp simd
+  for (int i = 0; i < rows; ++i) {
+    const Real x = a[i], y = b[i];
+    sum[i] = x + y;
+    difference[i] = x - y;
+  }
+}
+
+// The orthonormal even (sign 1) or odd (sign -1) functions of two mirrored nodes, as columns
+Eigen::MatrixXd mirrorPairs(int n, int sign) {
+  const int count = sign > 0 ? (n + 1) / 2 : n / 2;
+  Eigen::MatrixXd pairs = Eigen::MatrixXd::Zero(n, count);
+  for (int i = 0; i < count; ++i) {
+    pairs(i, i) = std::sqrt(0.5);
+    pairs(n - 1 - i, i) = sign * std::sqrt(0.5);
+    if (i == n - 1 - i) pairs(i, i) = 1;
+  }
+  return pairs;
+}
+
+} // namespace
+
+AxisBasis reflectionBasis(const Eigen::MatrixXd& matrix) {
+  const int n = int(matrix.rows()), half = (n + 1) / 2;
+  AxisBasis basis{Eigen::MatrixXd(n, n), Eigen::VectorXd(n), 0};
+  for (int sign : {1, -1}) {
+    const Eigen::MatrixXd pairs = mirrorPairs(n, sign);
+    if (pairs.cols() == 0) continue;
+    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(pairs.transpose() * matrix * pairs);
+    const int first = sign > 0 ? 0 : half;
+    basis.vectors.middleCols(first, pairs.cols()) = pairs * solver.eigenvectors();
+    basis.values.segment(first, pairs.cols()) = solver.eigenvalues();
+  }
+  return basis;
+}
 
 AxisBasis dirichletBasis(int n, double spacing) {
   const int m = n - 2;
@@ -46,68 +186,149 @@ BoxPoisson<Real>::BoxPoisson(const Grid& grid)
                   dirichletBasis(grid.n[2], grid.spacing[2])}) {}
 
 template <class Real>
-BoxPoisson<Real>::BoxPoisson(const Grid& grid, const std::array<AxisBasis, 3>& bases) : grid_(grid) {
-  for (int a = 0; a < 3; ++a) {
-    vectors_[a] = bases[a].vectors.template cast<Real>();
-    transposed_[a] = vectors_[a].transpose();
-    values_[a] = bases[a].values.template cast<Real>();
-    first_[a] = bases[a].first;
-    n_[a] = int(bases[a].values.size());
+BoxPoisson<Real>::BoxPoisson(const Grid& grid, const std::array<AxisBasis, 3>& bases)
+    : BoxPoisson(grid, bases, [](double eigenvalue) { return eigenvalue == 0 ? 0 : 1 / eigenvalue; }) {}
+
+template <class Real>
+BoxPoisson<Real>::Axis::Axis(const AxisBasis& basis)
+    : n(int(basis.values.size())), half((n + 1) / 2), values(n) {
+  int count[2] = {0, 0};
+  const int size[2] = {half, n - half};
+  for (int p : {0, 1}) {
+    vectors[p] = Matrix::Zero(paddedRows<Real>(size[p]), size[p]);
+    transposed[p] = vectors[p];
+  }
+  for (int k = 0; k < n; ++k) {
+    const auto v = basis.vectors.col(k);
+    const double odd = (v - v.reverse()).squaredNorm(), even = (v + v.reverse()).squaredNorm();
+    const int p = odd < even ? 0 : 1, m = count[p]++;
+    if (std::min(odd, even) > 1e-12 || m >= size[p])
+      throw std::invalid_argument(
+          "The Poisson solver needs eigenvectors that are even or odd on their line.");
+    for (int i = 0; i < size[p]; ++i) // differences stand at n-1-i, so from the middle outwards
+      vectors[p](i, m) = transposed[p](m, i) = Real(v[p == 0 ? i : size[p] - 1 - i]);
+    values[p * half + m] = basis.values[k];
   }
 }
 
 template <class Real>
 BoxPoisson<Real>::BoxPoisson(const Grid& grid, const std::array<AxisBasis, 3>& bases,
-                             const std::function<double(double)>& response)
-    : BoxPoisson(grid, bases) {
-  response_.reserve(std::size_t(n_[0]) * n_[1] * n_[2]);
-  for (int j = 0; j < n_[1]; ++j)
-    for (int k = 0; k < n_[2]; ++k)
-      for (int i = 0; i < n_[0]; ++i)
-        response_.push_back(Real(response(bases[0].values[i] + bases[1].values[j] + bases[2].values[k])));
+                             const std::function<double(double)>& response) {
+  const std::ptrdiff_t stride[3] = {1, grid.n[0], std::ptrdiff_t(grid.n[0]) * grid.n[1]};
+  first_ = grid.index(bases[0].first, bases[1].first, bases[2].first);
+  std::array<int, 3> order{0, 1, 2};
+  std::stable_partition(order.begin(), order.end(), [&](int a) { return grid.n[a] > 1; });
+  for (int a = 0; a < 3; ++a) {
+    axes_[a] = Axis(bases[order[a]]);
+    axes_[a].stride = stride[order[a]];
+  }
+  const auto& [x, y, z] = axes_;
+  response_.reserve(std::size_t(x.n) * y.n * z.n);
+  for (int j = 0; j < y.n; ++j)
+    for (int k = 0; k < z.n; ++k)
+      for (int i = 0; i < x.n; ++i)
+        response_.push_back(Real(response(x.values[i] + y.values[j] + z.values[k])));
+}
+
+// Two planes of the size of the largest cut; rows are padded as those of a left factor.
+template <class Real>
+struct BoxPoisson<Real>::Buffers {
+  Matrix a, b;
+  explicit Buffers(const std::array<Axis, 3>& axes)
+      : a(Matrix::Zero(paddedRows<Real>(axes[0].n), std::max(axes[1].n, axes[2].n))), b(a) {}
+};
+
+namespace {
+
+template <class Matrix>
+View<typename Matrix::Scalar> view(Matrix& m) {
+  return {m.data(), m.rows()};
+}
+
+// C = A B where the even rows of B, then the odd ones, belong to the halves of A
+template <class Real, class Matrix>
+void alongRows(const Matrix (&halves)[2], View<const Real> b, View<Real> c, int columns) {
+  int first = 0;
+  for (const Matrix& half : halves) {
+    const int n = int(half.cols());
+    multiply<Real>({half.data(), half.rows()}, b.at(first, 0), c.at(first, 0), n, columns, n);
+    first += n;
+  }
+}
+
+// C = A B where the even columns of A, then the odd ones, belong to the halves of B
+template <class Real, class Matrix>
+void alongColumns(View<const Real> a, const Matrix (&halves)[2], View<Real> c, int rows) {
+  int first = 0;
+  for (const Matrix& half : halves) {
+    const int n = int(half.cols());
+    multiply<Real>(a.at(0, first), {half.data(), half.rows()}, c.at(0, first), rows, n, n);
+    first += n;
+  }
+}
+
+} // namespace
+
+// X^T g Y of a layer
+template <class Real>
+void BoxPoisson<Real>::toModes(Real* layer, Buffers& buffers) const {
+  const Axis &x = axes_[0], &y = axes_[1];
+  const View<Real> a = view(buffers.a), b = view(buffers.b), g{layer, y.stride};
+  for (int j = 0; j < y.half; ++j) {
+    foldColumns<Real>(g, a, x.n, j, y.n);
+    foldRow(a.at(0, j).data, x.n);
+    if (j < y.n - 1 - j) foldRow(a.at(0, y.n - 1 - j).data, x.n);
+  }
+  alongRows<Real>(x.transposed, a, b, y.n);
+  alongColumns<Real>(b, y.vectors, g, x.n);
+}
+
+// X f Y^T of a layer
+template <class Real>
+void BoxPoisson<Real>::toNodes(Real* layer, Buffers& buffers) const {
+  const Axis &x = axes_[0], &y = axes_[1];
+  const View<Real> a = view(buffers.a), b = view(buffers.b), f{layer, y.stride};
+  alongRows<Real>(x.vectors, f, a, y.n);
+  alongColumns<Real>(a, y.transposed, b, x.n);
+  for (int j = 0; j < y.half; ++j) {
+    foldRow(b.at(0, j).data, x.n);
+    if (j < y.n - 1 - j) foldRow(b.at(0, y.n - 1 - j).data, x.n);
+    foldColumns<Real>(b, f, x.n, j, y.n);
+  }
+}
+
+// Z response Z^T of the slice of one mode of y
+template <class Real>
+void BoxPoisson<Real>::respond(Real* slice, const Real* response, Buffers& buffers) const {
+  const Axis &x = axes_[0], &z = axes_[2];
+  const View<Real> a = view(buffers.a), b = view(buffers.b), f{slice, z.stride};
+  for (int k = 0; k < z.half; ++k) foldColumns<Real>(f, a, x.n, k, z.n);
+  alongColumns<Real>(a, z.vectors, b, x.n);
+  for (int k = 0; k < z.n; ++k, response += x.n) {
+    Real* column = b.at(0, k).data;
+#pragma omp simd
+    for (int i = 0; i < x.n; ++i) column[i] *= response[i];
+  }
+  alongColumns<Real>(b, z.transposed, a, x.n);
+  for (int k = 0; k < z.half; ++k) foldColumns<Real>(a, f, x.n, k, z.n);
 }
 
 template <class Real>
 void BoxPoisson<Real>::solve(Real* const* fields, int count) const {
-  using Slab = Eigen::Map<Matrix, 0, Eigen::OuterStride<>>;
-  const Eigen::OuterStride<> rowStride(grid_.n[0]), layerStride(Eigen::Index(grid_.n[0]) * grid_.n[1]);
 #pragma omp parallel
   {
-    Matrix a(n_[0], n_[1]), b(n_[0], n_[2]);
-    Eigen::Array<Real, Eigen::Dynamic, 1> inverse(n_[0]);
-    // X^T g Y per layer
+    Buffers buffers(axes_);
 #pragma omp for collapse(2) schedule(static)
     for (int f = 0; f < count; ++f)
-      for (int k = 0; k < n_[2]; ++k) {
-        Slab slab(fields[f] + grid_.index(first_[0], first_[1], first_[2] + k), n_[0], n_[1], rowStride);
-        a.noalias() = transposed_[0] * slab;
-        slab.noalias() = a * vectors_[1];
-      }
-      // Z (1/lambda) Z^T per row
+      for (int k = 0; k < axes_[2].n; ++k) toModes(fields[f] + first_ + k * axes_[2].stride, buffers);
 #pragma omp for collapse(2) schedule(static)
     for (int f = 0; f < count; ++f)
-      for (int j = 0; j < n_[1]; ++j) {
-        Slab slab(fields[f] + grid_.index(first_[0], first_[1] + j, first_[2]), n_[0], n_[2], layerStride);
-        b.noalias() = slab * vectors_[2];
-        for (int k = 0; k < n_[2]; ++k) {
-          if (!response_.empty()) {
-            const Real* r = response_.data() + std::size_t(n_[0]) * (std::size_t(j) * n_[2] + k);
-            b.col(k).array() *= Eigen::Map<const Eigen::Array<Real, Eigen::Dynamic, 1>>(r, n_[0]);
-            continue;
-          }
-          inverse = values_[0] + (values_[1][j] + values_[2][k]);
-          b.col(k).array() *= (inverse == 0).select(Real(0), inverse.inverse());
-        }
-        slab.noalias() = b * transposed_[2];
-      }
-      // X f Y^T per layer
+      for (int j = 0; j < axes_[1].n; ++j)
+        respond(fields[f] + first_ + j * axes_[1].stride,
+                response_.data() + std::size_t(j) * axes_[0].n * axes_[2].n, buffers);
 #pragma omp for collapse(2) schedule(static)
     for (int f = 0; f < count; ++f)
-      for (int k = 0; k < n_[2]; ++k) {
-        Slab slab(fields[f] + grid_.index(first_[0], first_[1], first_[2] + k), n_[0], n_[1], rowStride);
-        a.noalias() = vectors_[0] * slab;
-        slab.noalias() = a * transposed_[1];
-      }
+      for (int k = 0; k < axes_[2].n; ++k) toNodes(fields[f] + first_ + k * axes_[2].stride, buffers);
   }
 }
 

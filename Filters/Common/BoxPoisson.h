@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <array>
+#include <cstddef>
 #include <functional>
 #include <vector>
 
@@ -24,9 +25,15 @@ AxisBasis dirichletBasis(int n, double spacing);
 /// eigenvalues (2 cos(pi k/n) - 2)/h^2.
 AxisBasis neumannBasis(int n, double spacing);
 
+/// The eigenvectors of a symmetric matrix that is the same read backwards, A(i, j) = A(n-1-i, n-1-j): each
+/// even or odd about the middle of the line, all even ones first. Eigenvalues ascend within each kind.
+AxisBasis reflectionBasis(const Eigen::MatrixXd& matrix);
+
 /// Solves L f = g on a box of nodes by fast diagonalisation (Lynch, Rice & Thomas 1964): with L the sum of
 /// three 1-D operators with eigenvectors X, Y, Z, f = X Y Z (1/(lx + ly + lz)) X^T Y^T Z^T g. The transforms
 /// are dense matrix products: exact for every size, and faster than an FFT for the sizes of one experiment.
+/// Every eigenvector must be even or odd about the middle of its line (std::invalid_argument otherwise): even
+/// ones need only the sums f[i] + f[n-1-i], odd ones the differences, which halves the work.
 /// The solution operator is symmetric, hence its own adjoint. Real: float or double. Threaded with OpenMP;
 /// the result does not depend on the number of threads.
 template <class Real>
@@ -46,10 +53,22 @@ public:
 
 private:
   using Matrix = Eigen::Matrix<Real, Eigen::Dynamic, Eigen::Dynamic>;
-  Grid grid_;
-  std::array<Matrix, 3> vectors_, transposed_;
-  std::array<Eigen::Array<Real, Eigen::Dynamic, 1>, 3> values_;
-  std::array<int, 3> first_, n_;
+  /// One axis. Folded, a line holds f[i] + f[n-1-i] in its first half and f[i] - f[n-1-i] at n-1-i.
+  struct Axis {
+    int n = 0, half = 0;              ///< nodes; even modes, which come before the odd ones
+    std::ptrdiff_t stride = 1;        ///< between nodes
+    Matrix vectors[2], transposed[2]; ///< even, odd: from modes to folded nodes, and back
+    Eigen::VectorXd values;
+    Axis() = default;
+    explicit Axis(const AxisBasis& basis);
+  };
+  struct Buffers;
+  void toModes(Real* layer, Buffers& buffers) const;
+  void toNodes(Real* layer, Buffers& buffers) const;
+  void respond(Real* slice, const Real* response, Buffers& buffers) const;
+
+  std::array<Axis, 3> axes_; ///< those of one node last
+  std::size_t first_ = 0;    ///< the first node that the bases act on
   std::vector<Real> response_;
 };
 

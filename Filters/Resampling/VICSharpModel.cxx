@@ -287,8 +287,7 @@ AxisBasis VICSharpModel<Real>::normalBasis(int axis) const {
   const auto& taps = stencils_.difference(axis);
   for (int i = 0; i < n; ++i)
     for (int t = 0; t < taps[i].count; ++t) d(i, taps[i].index[t]) = double(taps[i].weight[t]);
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(d.transpose() * d);
-  AxisBasis basis{solver.eigenvectors(), solver.eigenvalues(), 0};
+  AxisBasis basis = reflectionBasis(d.transpose() * d);
   basis.values[0] = 0;
   return basis;
 }
