@@ -27,7 +27,7 @@ struct VICSharpOptions {
   double velocityNoise = 0;     ///< standard deviation per component, m/s; 0: estimated
   double accelerationNoise = 0; ///< standard deviation per component, m/s2; 0: estimated
   int maximumIterations = 100;  ///< on the finest grid, >= 1
-  double tolerance = .0005; ///< stop when an iteration gains less than this part of the noise variance, > 0
+  double tolerance = 0.002; ///< stop when an iteration gains less than this part of the noise variance, > 0
   double padding = 1;       ///< computed beyond the faces of the grid, in mean particle spacings, >= 0
   double accelerationWeight = 0; ///< alpha, >= 0; 0: from the noise levels where both are given, else 0.3
   double divergenceWeight = 0.1; ///< bu, and likewise the next three, >= 0

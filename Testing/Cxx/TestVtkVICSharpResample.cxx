@@ -79,7 +79,7 @@ TEST(VtkVICSharpResample, ASeriesDoesNotDrift) {
   std::vector<float> last;
   for (int step = 0; step < 5; ++step) last = series.velocity(step);
   const double weight = series.number("CurvatureWeight");
-  EXPECT_LT(rmsDifference(last, alone.velocity(4)), 0.15 * VelocityNoise);
+  EXPECT_LT(rmsDifference(last, alone.velocity(4)), 0.3 * VelocityNoise);
   EXPECT_EQ(alone.number("CurvatureWeight"), weight); // found from the snapshot in the middle either way
   Pipeline cold;
   cold.resample->SetWarmStart(false);
