@@ -89,7 +89,8 @@ void multiply(View<const Real> a, View<const Real> b, View<Real> c, int rows, in
     }
 }
 
-// Folds a line: f[i], f[n-1-i] -> f[i] + f[n-1-i], f[i] - f[n-1-i]. Its transpose, which unfolds, is the same.
+// Folds a line: f[i], f[n-1-i] -> f[i] + f[n-1-i], f[i] - f[n-1-i]. Its transpose, which unfolds, is the
+// same.
 template <class Real>
 void foldRow(Real* f, int n) {
 #pragma omp simd

@@ -10,7 +10,7 @@ namespace rimflow {
 
 struct LBFGSOptions {
   int maximumIterations = 100;
-  int memory = 5;                    ///< pairs of steps and gradient changes kept, >= 1
+  int memory = 5;                     ///< pairs of steps and gradient changes kept, >= 1
   double relativeGradientNorm = 1e-6; ///< stop when |g| <= this |g at the start|
   double sufficientDecrease = 1e-4;   ///< c1 of the Wolfe conditions
   double curvature = 0.9;             ///< c2 of the Wolfe conditions, c1 < c2 < 1
