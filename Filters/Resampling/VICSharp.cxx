@@ -729,11 +729,20 @@ VICSharpResult vicSharp(const VICSharpTracks& tracks, const VICSharpOptions& opt
   result.stop = outcome.status == LBFGSStatus::MaximumIterations
                     ? "the largest number of iterations was reached"
                     : "an iteration no longer gained anything beside the noise";
-  const auto overNoise = [](const std::vector<double>& squares, double noise) {
-    return noise > 0 ? rmsComponent(squares) / noise : 0;
+  // of the particles, not of points on the wall, each as far as it counts
+  const auto overNoise = [&](const std::vector<double>& squares, const std::vector<double>& weights,
+                             double noise) {
+    double sum = 0, weight = 0;
+    for (std::size_t e = 0; e < std::min(squares.size(), p.particles); ++e) {
+      const double w = weights.empty() ? 1 : weights[e];
+      sum += w * squares[e];
+      weight += w;
+    }
+    return noise > 0 && weight > 0 ? std::sqrt(sum / (3 * weight)) / noise : 0;
   };
-  result.velocityMisfit = overNoise(model.velocityMisfits(), found->velocityNoise);
-  result.accelerationMisfit = overNoise(model.accelerationMisfits(), found->accelerationNoise);
+  result.velocityMisfit = overNoise(model.velocityMisfits(), p.data.velocityWeight, found->velocityNoise);
+  result.accelerationMisfit =
+      overNoise(model.accelerationMisfits(), p.data.accelerationWeight, found->accelerationNoise);
   writeFields(model, p, result);
   if (options.body) {
     wallLayer(*options.body, 1.5 * options.grid.spacing[0], result);

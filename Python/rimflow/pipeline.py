@@ -141,6 +141,15 @@ class Chain:
         return image
 
 
+QUALITY_ARRAYS = ("MisfitVelocity", "MisfitAcceleration", "VelocityNoise", "AccelerationNoise", "DivergenceNorm", "CurvatureWeight",
+                  "ParticlesUsed", "Outliers", "Iterations", "ElapsedTime")
+
+
+def quality(image):
+    """How well the flow was reconstructed, as plain numbers by the names of vtkVICSharpResample's field data."""
+    return {name: _plain(_values(image, name)[0]) for name in QUALITY_ARRAYS}
+
+
 def _array(data, name):
     for attributes in (data.GetPointData(), data.GetFieldData()):
         array = attributes.GetAbstractArray(name)

@@ -192,7 +192,9 @@ class Run:
             if self.options.fields == "none" or (self.options.resume and os.path.exists(target)):
                 continue
             try:
-                pipeline.write_image(target, self.chain.fields(self.times[k], body))
+                image = self.chain.fields(self.times[k], body)
+                files.write_json(self.path("snapshots", f"{k:06d}.quality.json"), {"snapshot": k, **pipeline.quality(image)})
+                pipeline.write_image(target, image)
             except pipeline.PipelineError as error:
                 files.write_json(self.path("snapshots", f"{k:06d}.fields-failed.json"), {"snapshot": k, "reason": str(error)})
         if bar:
@@ -205,13 +207,16 @@ class Run:
         options = self.options
         files.write_pvd(self.path("sphere.pvd"), [(self.times[k], f"sphere/{k:06d}.vtp") for k in self.selected])
         pipeline.write_polydata(self.path("trajectory.vtp"), pipeline.polyline(trajectory))
+        reconstruction = []
         problems = [(r["snapshot"], r["status_text"]) for r in self.records if r["status"] == LOST]
         if options.fields != "none":
             there = [k for k in self.selected if os.path.exists(self.path("fields", f"{k:06d}.vti"))]
             files.write_pvd(self.path("fields.pvd"), [(self.times[k], f"fields/{k:06d}.vti") for k in there])
             for k in sorted(set(self.selected) - set(there)):
-                with open(self.path("snapshots", f"{k:06d}.fields-failed.json"), encoding="utf-8") as f:
-                    problems.append((k, "no fields: " + json.load(f)["reason"]))
+                failed = read_json(self.path("snapshots", f"{k:06d}.fields-failed.json"))
+                problems.append((k, "no fields: " + failed["reason"]))
+            qualities = [self.path("snapshots", f"{k:06d}.quality.json") for k in there]
+            reconstruction = [read_json(name) for name in qualities if os.path.exists(name)]
         run = {
             "settings": command_line.settings(options),
             "versions": {"rimflow": pipeline.version(), "paraview": pipeline.paraview_version(), "vtk": pipeline.vtk_version(),
@@ -221,6 +226,7 @@ class Run:
             "snapshots": {"selected": len(self.selected), **{name: int(np.sum(trajectory.status == value))
                           for name, value in (("found", FOUND), ("predicted", PREDICTED), ("lost", LOST))}},
             "seconds_per_snapshot": {str(r["snapshot"]): r["seconds"] for r in self.records},
+            "reconstruction": reconstruction,
             "problems": [list(p) for p in problems],
         }
         files.write_json(self.path("run.json"), run)
@@ -235,6 +241,11 @@ class Run:
               f"See {self.path('report', 'index.html')}")
         for k, text in problems:
             print(f"snapshot {k}: {text}", file=sys.stderr)
+
+
+def read_json(name):
+    with open(name, encoding="utf-8") as f:
+        return json.load(f)
 
 
 def smooth(records, diameter):

@@ -24,6 +24,8 @@ def write_report(folder, trajectory, run):
         pages = [("trajectory.png", "Trajectory of the sphere's centre, coloured by its speed", plot_trajectory),
                  ("motion.png", "Position and velocity over time; the bands are two standard deviations wide to either side", plot_motion),
                  ("quality.png", "How well each snapshot was determined", plot_quality)]
+    if run["reconstruction"]:
+        pages.append(("reconstruction.png", "How well the flow was reconstructed", plot_reconstruction))
     for name, _, plot in pages:
         figure = plot(trajectory, run)
         with replacing(os.path.join(folder, name)) as temporary:
@@ -128,6 +130,28 @@ def plot_quality(t, run):
         ax.grid(alpha=0.3)
         ax.set_ylim(bottom=0)
     axes[2].set_xlabel("snapshot")
+    return figure
+
+
+def plot_reconstruction(t, run):
+    rows = run["reconstruction"]
+    snapshot = [r["snapshot"] for r in rows]
+    series = lambda name, scale=1: [scale * r[name] for r in rows]
+    figure, axes = plt.subplots(3, 1, figsize=(10, 9), sharex=True, layout="constrained")
+    for name, label, colour in (("MisfitVelocity", "velocity", COLOURS[2]), ("MisfitAcceleration", "acceleration", COLOURS[0])):
+        axes[0].plot(snapshot, series(name), ".-", color=colour, label=label)
+    axes[0].axhline(1, color="0.6", lw=1)
+    axes[0].set_ylabel("misfit at the particles\n[noise levels]")
+    axes[0].legend(fontsize=8)
+    axes[1].plot(snapshot, series("DivergenceNorm", 100), ".-", color="0.3")
+    axes[1].set_ylabel("rms div u over\nrms velocity gradient [%]")
+    axes[2].plot(snapshot, [100 * r["Outliers"] / max(1, r["Outliers"] + r["ParticlesUsed"]) for r in rows], ".-", color="0.3")
+    axes[2].set_ylabel("particles left out\nas ghosts [%]")
+    axes[2].set_xlabel("snapshot")
+    axes[2].xaxis.set_major_locator(plt.MaxNLocator(integer=True))
+    for ax in axes:
+        ax.grid(alpha=0.3)
+        ax.set_ylim(bottom=0)
     return figure
 
 

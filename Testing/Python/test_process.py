@@ -119,7 +119,15 @@ class TestProcess(unittest.TestCase):
         for name in ("tracks", "slice", "vortices"):
             self.assertGreater(os.path.getsize(self.out(f"fields/report/{name}.png")), 20000, name)
         with open(self.out("fields/report/index.html")) as f:
-            self.assertIn("vortices.png", f.read())
+            page = f.read()
+        self.assertIn("vortices.png", page)
+        self.assertIn("reconstruction.png", page)
+        with open(self.out("fields/run.json")) as f:
+            for quality in json.load(f)["reconstruction"]:
+                self.assertGreater(quality["MisfitVelocity"], 0.5)
+                self.assertLess(quality["MisfitAcceleration"], 6)  # without the wall's points
+                self.assertLess(quality["DivergenceNorm"], 0.05)
+                self.assertGreater(quality["Outliers"], 0)  # the demo has ghosts
 
     def test_the_published_method_runs_with_the_published_weights(self):
         self.run_demo("published", "--steps", "7:9", "--method", "published", "--spacing", "1mm")
