@@ -22,6 +22,7 @@ add_library(rimflow_kernels STATIC
   Filters/Resampling/ResamplingGrid.cxx
   Filters/Resampling/VICSharp.cxx
   Filters/Resampling/VICSharpModel.cxx
+  Filters/Resampling/VoidDistance.cxx
   Filters/Locator/ImportanceSampling.cxx
   Filters/Locator/PublishedCost.cxx
   Filters/Locator/SeedingDensity.cxx

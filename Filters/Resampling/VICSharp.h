@@ -69,7 +69,7 @@ struct VICSharpResult {
 };
 
 /// Finds bc, the weight of smoothness, and the noise levels where they are not given, on a part of the
-/// volume: every so-manieth particle is held out, and bc is lowered until those are predicted no better. The
+/// volume: every n-th particle is held out, and bc is lowered until those are predicted no better. The
 /// noise is the geometric mean of the misfits of particles used and held out (generalised cross-validation:
 /// with n data and f degrees of freedom these are s^2 (1 - f/n) and s^2/(1 - f/n)). Empty when aborted.
 /// Throws as vicSharp.
