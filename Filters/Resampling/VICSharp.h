@@ -78,12 +78,14 @@ std::optional<VICSharpCalibration> calibrateVICSharp(const VICSharpTracks& track
                                                      const Progress& progress = {});
 
 /// The flow on a grid from particle tracks: the minimum of VICSharpModel's cost, coarse to fine, on grids of
-/// about the mean particle spacing r, r/2, ... down to the one asked for; or from `start` on the finest
-/// alone. Iterations go on until they gain less than `tolerance` of the noise variance. The result does not
-/// depend on the number of threads. calibration: that of another snapshot of the same experiment, or null for
-/// one of its own. Without accelerations, the acceleration is that of the vorticity equation with the
-/// boundary values that fit the Navier-Stokes equations best. Throws std::invalid_argument when there is too
-/// little to go on.
+/// about the mean particle spacing r, r/2, ... down to the one asked for. start: the
+/// solution of another snapshot of the same experiment, or null. The coarsest grid then begins with it, and a
+/// finer grid with the coarser solution and what `start` has beyond its own coarser one, the fine details: so
+/// errors of the large scales, which converge slowly, do not pass from one snapshot to the next. Iterations
+/// go on until they gain less than `tolerance` of the noise variance. The result does not depend on the
+/// number of threads. calibration: that of another snapshot of the same experiment, or null for one of its
+/// own. Without accelerations, the acceleration is that of the vorticity equation with the boundary values
+/// that fit the Navier-Stokes equations best. Throws std::invalid_argument when there is too little to go on.
 VICSharpResult vicSharp(const VICSharpTracks& tracks, const VICSharpOptions& options,
                         const VICSharpCalibration* calibration = nullptr,
                         const VICSharpSolution* start = nullptr, const Progress& progress = {});
