@@ -1,5 +1,7 @@
 #pragma once
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
 
 namespace rimflow {
@@ -16,5 +18,19 @@ struct Grid {
     return {origin[0] + i * spacing[0], origin[1] + j * spacing[1], origin[2] + k * spacing[2]};
   }
 };
+
+/// Calls f(i, j, k) for every node of the grid within `reach` of x along each axis, m: the cube around a
+/// ball.
+template <class F>
+void forEachNodeNear(const Grid& g, const double* x, double reach, F&& f) {
+  int low[3], high[3];
+  for (int a = 0; a < 3; ++a) {
+    low[a] = std::max(0, int(std::ceil((x[a] - reach - g.origin[a]) / g.spacing[a])));
+    high[a] = std::min(g.n[a] - 1, int(std::floor((x[a] + reach - g.origin[a]) / g.spacing[a])));
+  }
+  for (int k = low[2]; k <= high[2]; ++k)
+    for (int j = low[1]; j <= high[1]; ++j)
+      for (int i = low[0]; i <= high[0]; ++i) f(i, j, k);
+}
 
 } // namespace rimflow

@@ -28,9 +28,9 @@ struct Taps {
 /// Finite differences on a regular grid, one row of nodes along x at a time, so that formulas of several
 /// derivatives can be written in one pass with every intermediate in the first-level cache. Each operator has
 /// its exact transpose beside it. Fields are one number per node, x fastest; rows out have grid.n[0] numbers.
-///   D_j  central difference of order 2 or 4; on the two faces of its axis second-order one-sided, and next
-///   to
-///        them of order 2 (one-sided differences of order 4 made the reconstruction three times worse there)
+///   D_j  central difference of order 2 or 4; on the two faces of its axis one-sided of order 2, next to them
+///        central of order 2 (one-sided differences of order 4 made the reconstruction three times worse
+///        there)
 ///   L    7-point Laplacian, 0 on the boundary nodes
 template <class Real>
 class Stencils {

@@ -29,19 +29,12 @@ inline float part(float depth) {
 template <class Use>
 void forEachNode(const FlowField& flow, const Vector3d& x, double radius, Use&& use) {
   const Grid& g = flow.grid;
-  int low[3], high[3];
-  for (int i = 0; i < 3; ++i) {
-    low[i] = std::max(0, int(std::ceil((x[i] - radius - g.origin[i]) / g.spacing[i])));
-    high[i] = std::min(g.n[i] - 1, int(std::floor((x[i] + radius - g.origin[i]) / g.spacing[i])));
-  }
-  for (int k = low[2]; k <= high[2]; ++k)
-    for (int j = low[1]; j <= high[1]; ++j)
-      for (int i = low[0]; i <= high[0]; ++i) {
-        const std::size_t node = g.index(i, j, k);
-        if (flow.mask && flow.mask[node]) continue;
-        const auto p = g.position(i, j, k);
-        use(node, Vector3d(p[0] - x[0], p[1] - x[1], p[2] - x[2]));
-      }
+  forEachNodeNear(g, x.data(), radius, [&](int i, int j, int k) {
+    const std::size_t node = g.index(i, j, k);
+    if (flow.mask && flow.mask[node]) return;
+    const auto p = g.position(i, j, k);
+    use(node, Vector3d(p[0] - x[0], p[1] - x[1], p[2] - x[2]));
+  });
 }
 
 /// The 99th percentile of value(node) over the fluid nodes within `radius` of x; 0 when there are none.

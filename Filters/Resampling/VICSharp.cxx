@@ -155,6 +155,11 @@ double rmsComponent(const std::vector<double>& squares) {
              : std::sqrt(std::accumulate(squares.begin(), squares.end(), 0.) / (3. * double(squares.size())));
 }
 
+/// Progress of one part of the work.
+Progress part(const Progress& progress, double from, double to) {
+  return [&progress, from, to](double f) { return goOn(progress, from + (to - from) * f); };
+}
+
 /// Minimises the cost on one grid after the other.
 class Reconstruction {
 public:
@@ -233,24 +238,20 @@ public:
       if (data_.velocityWeight[p] > 0) used_.push_back(p);
   }
 
-  /// Tries bc = first/2, first/4 ... and, unless that helps, 2 first, 4 first ..., all for the same
-  /// number of iterations from the same solution. The best is the vertex of the parabola through the
-  /// lowest score and its neighbours, or a larger bc if that predicts the particles held out within 1 %
-  /// of the best.
+  /// Tries bc = first/2, first/4 ... and, unless that helps, 2 first, 4 first ..., all for the same number of
+  /// iterations from the same solution. bc is the largest that predicts the particles held out, off the
+  /// faces, within 3 % of the best.
   VICSharpCalibration run(const Grid& grid, const Grid& coarse, const Progress& progress) {
     const double first = constants_.curvatureWeight;
     for (std::size_t p : heldOut_)
       if (faceDistance(grid, &data_.position[3 * p]) > 1.5 * constants_.particleSpacing) judges_.push_back(p);
     if (judges_.size() < 20) judges_ = heldOut_;
-    const auto part = [&](double from, double to) {
-      return [&progress, from, to](double f) { return goOn(progress, from + (to - from) * f); };
-    };
     reconstruction_.moveTo(coarse, nullptr);
-    reconstruction_.minimise(60, part(0, 0.1));
+    reconstruction_.minimise(60, part(progress, 0, 0.1));
     Model::State start = reconstruction_.model().state();
     if (reconstruction_.aborted()) return best_;
     reconstruction_.moveTo(grid, &start);
-    reconstruction_.minimise(options_.curvatureWeight > 0 ? 60 : 40, part(0.1, 0.4));
+    reconstruction_.minimise(options_.curvatureWeight > 0 ? 60 : 40, part(progress, 0.1, 0.4));
     best_ = measure(first);
     if (options_.curvatureWeight > 0 || reconstruction_.aborted()) return best_;
     reconstruction_.useNoise(best_.velocityNoise, best_.accelerationNoise, options_.tolerance);
@@ -264,7 +265,7 @@ public:
     const auto improves = [&](double weight) {
       reconstruction_.restart(weight, start);
       const double from = 0.4 + 0.6 * double(trials.size()) / Most;
-      reconstruction_.minimise(25, part(from, from + 0.6 / Most));
+      reconstruction_.minimise(25, part(progress, from, from + 0.6 / Most));
       const double value = score();
       trials.emplace_back(std::log(weight), value);
       if (value >= lowest) return false;
@@ -472,6 +473,7 @@ void addWalls(const VICSharpOptions& options, Problem& p) {
     int n[3];
     for (int a = 0; a < 3; ++a)
       n[a] = std::clamp(int(std::lround((at[a] - grid.origin[a]) / grid.spacing[a])), 0, grid.n[a] - 1);
+    // Half a spacing inwards, so that no node next to a particle counts as inside.
     return std::min(distance, double((*field)[grid.index(n[0], n[1], n[2])]) + 0.5 * grid.spacing[0]);
   };
   p.constants.navierStokesWeight *= 0.1; // there is no pressure inside
@@ -520,10 +522,6 @@ Problem problem(const VICSharpTracks& tracks, const VICSharpOptions& options) {
   p.particles = p.data.size();
   addWalls(options, p);
   return p;
-}
-
-Progress part(const Progress& progress, double from, double to) {
-  return [&progress, from, to](double f) { return goOn(progress, from + (to - from) * f); };
 }
 
 /// On a part of the volume, at about half the particle spacing.
@@ -698,7 +696,7 @@ VICSharpResult vicSharp(const VICSharpTracks& tracks, const VICSharpOptions& opt
       overNoise(model.accelerationMisfits(), p.data.accelerationWeight, found->accelerationNoise);
   writeFields(model, p, result);
   if (options.body) {
-    wallLayer(*options.body, 1.5 * options.grid.spacing[0], result);
+    if (model.hasRate()) wallLayer(*options.body, 1.5 * options.grid.spacing[0], result);
     maskBody(*options.body, result);
   }
   goOn(progress, 1);

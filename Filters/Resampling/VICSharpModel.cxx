@@ -109,10 +109,7 @@ void VICSharpModel<Real>::freeInside(const Real* source) {
       Real& q = q_[i][inside_[e]];
       q += insideShare_[e] * (scale * source[i * count + e] - q);
     }
-  for (int i = 0; i < 3 && count > 0; ++i) {
-    source_[i].assign(grid_.size(), 0);
-    for (std::size_t e = 0; e < count; ++e) source_[i][inside_[e]] = scale * source[i * count + e];
-  }
+  source_.assign(source, source + 3 * count);
 }
 
 // From q_ = dJ/dq: bar = dJ/df with the penalty's part, and q_ becomes the derivative by what q was before
@@ -135,7 +132,12 @@ double VICSharpModel<Real>::freeInsideTransposed(const Real* source, Real* bar) 
 
 template <class Real>
 typename VICSharpModel<Real>::State VICSharpModel<Real>::state() const {
-  State out{grid_, w_, u_, d_, source_, {mean_[0], mean_[1], mean_[2]}};
+  State out{grid_, w_, u_, d_, {}, {mean_[0], mean_[1], mean_[2]}};
+  for (int i = 0; i < 3 && !inside_.empty(); ++i) {
+    out.source[i].assign(grid_.size(), 0);
+    for (std::size_t e = 0; e < inside_.size(); ++e)
+      out.source[i][inside_[e]] = Real(sourceScale()) * source_[i * inside_.size() + e];
+  }
   return out;
 }
 

@@ -184,7 +184,7 @@ private:
   std::array<Vector, 3> velocityData_, accelerationData_;
   Vector velocityWeight_, accelerationWeight_;
   Terms terms_;
-  VectorField source_;            // f, 0 outside
+  Vector source_;                 // the unknown f of each node inside, by component
   VectorField w_, u_, q_, d_, a_; // q_ holds its adjoint after transport
   Vector uBoundary_, dBoundary_;
   VectorField wBar_, uBar_, aBar_, dBar_; // adjoints: dJ/dw and so on

@@ -18,21 +18,13 @@ std::vector<float> voidDistance(const std::vector<double>& positions, const Grid
     box[2 * (e % 3)] = std::min(box[2 * (e % 3)], x);
     box[2 * (e % 3) + 1] = std::max(box[2 * (e % 3) + 1], x);
   }
-  const double h = grid.spacing[0];
   /// f(node, distance) for all nodes within `reach` of x
   const auto around = [&](const double* x, double reach, auto&& f) {
-    int low[3], high[3];
-    for (int a = 0; a < 3; ++a) {
-      low[a] = std::max(0, int(std::ceil((x[a] - reach - grid.origin[a]) / h)));
-      high[a] = std::min(grid.n[a] - 1, int(std::floor((x[a] + reach - grid.origin[a]) / h)));
-    }
-    for (int k = low[2]; k <= high[2]; ++k)
-      for (int j = low[1]; j <= high[1]; ++j)
-        for (int i = low[0]; i <= high[0]; ++i) {
-          const auto y = grid.position(i, j, k);
-          const double distance = std::sqrt(square(y[0] - x[0]) + square(y[1] - x[1]) + square(y[2] - x[2]));
-          if (distance <= reach) f(grid.index(i, j, k), distance);
-        }
+    forEachNodeNear(grid, x, reach, [&](int i, int j, int k) {
+      const auto y = grid.position(i, j, k);
+      const double distance = std::sqrt(square(y[0] - x[0]) + square(y[1] - x[1]) + square(y[2] - x[2]));
+      if (distance <= reach) f(grid.index(i, j, k), distance);
+    });
   };
   std::vector<bool> taken(grid.size(), false);
   for (std::size_t p = 0; p < positions.size() / 3; ++p)
