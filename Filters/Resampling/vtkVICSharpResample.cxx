@@ -24,6 +24,7 @@
 #include <optional>
 #include <sstream>
 #include <stdexcept>
+#include <string>
 #include <vector>
 
 vtkStandardNewMacro(vtkVICSharpResample);
@@ -144,6 +145,7 @@ int vtkVICSharpResample::FillInputPortInformation(int port, vtkInformation* info
 /// and smoothness are found from that one too, so that no result depends on where the user looked first.
 void vtkVICSharpResample::LayOut(vtkInformation* in) {
   std::ostringstream settings;
+  settings.precision(17); // every digit of a double
   settings << this->Spacing << " " << this->UseBounds << " " << this->Viscosity << " " << this->VelocityNoise
            << " " << this->AccelerationNoise << " " << this->UseAcceleration;
   for (double b : this->Bounds) settings << " " << b;

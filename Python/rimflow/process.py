@@ -156,11 +156,7 @@ class Run:
                 files.write_json(self.record_path(k), record)
 
     def read_records(self):
-        records = {}
-        for k in self.selected:
-            with open(self.record_path(k), encoding="utf-8") as f:
-                records[k] = json.load(f)
-        return records
+        return {k: read_json(self.record_path(k)) for k in self.selected}
 
     def attempt(self, k, step):
         """The snapshot's record; a snapshot that fails is a record with the reason, and the run goes on."""
