@@ -217,6 +217,7 @@ BoxPoisson<Real>::BoxPoisson(const Grid& grid, const std::array<AxisBasis, 3>& b
                              const std::function<double(double)>& response) {
   const std::ptrdiff_t stride[3] = {1, grid.n[0], std::ptrdiff_t(grid.n[0]) * grid.n[1]};
   first_ = grid.index(bases[0].first, bases[1].first, bases[2].first);
+  nodes_ = grid.size();
   std::array<int, 3> order{0, 1, 2};
   std::stable_partition(order.begin(), order.end(), [&](int a) { return grid.n[a] > 1; });
   for (int a = 0; a < 3; ++a) {
@@ -257,6 +258,12 @@ void alongRows(const Matrix (&halves)[2], View<const Real> b, View<Real> c, int 
   }
 }
 
+template <class Real>
+void scaleColumn(const Real* from, const Real* factor, Real* to, int n) {
+#pragma omp simd
+  for (int i = 0; i < n; ++i) to[i] = from[i] * factor[i];
+}
+
 // C = A B where the even columns of A, then the odd ones, belong to the halves of B
 template <class Real, class Matrix>
 void alongColumns(View<const Real> a, const Matrix (&halves)[2], View<Real> c, int rows) {
@@ -272,7 +279,7 @@ void alongColumns(View<const Real> a, const Matrix (&halves)[2], View<Real> c, i
 
 // X^T g Y of a layer
 template <class Real>
-void BoxPoisson<Real>::toModes(Real* layer, Buffers& buffers) const {
+void BoxPoisson<Real>::layerToModes(Real* layer, Buffers& buffers) const {
   const Axis &x = axes_[0], &y = axes_[1];
   const View<Real> a = view(buffers.a), b = view(buffers.b), g{layer, y.stride};
   for (int j = 0; j < y.half; ++j) {
@@ -286,7 +293,7 @@ void BoxPoisson<Real>::toModes(Real* layer, Buffers& buffers) const {
 
 // X f Y^T of a layer
 template <class Real>
-void BoxPoisson<Real>::toNodes(Real* layer, Buffers& buffers) const {
+void BoxPoisson<Real>::layerToNodes(Real* layer, Buffers& buffers) const {
   const Axis &x = axes_[0], &y = axes_[1];
   const View<Real> a = view(buffers.a), b = view(buffers.b), f{layer, y.stride};
   alongRows<Real>(x.vectors, f, a, y.n);
@@ -298,20 +305,55 @@ void BoxPoisson<Real>::toNodes(Real* layer, Buffers& buffers) const {
   }
 }
 
-// Z response Z^T of the slice of one mode of y
+// response Z^T of the slice of one mode of y
+template <class Real>
+void BoxPoisson<Real>::sliceToModes(Real* slice, const Real* response, Buffers& buffers) const {
+  const Axis &x = axes_[0], &z = axes_[2];
+  const View<Real> a = view(buffers.a), b = view(buffers.b), f{slice, z.stride};
+  for (int k = 0; k < z.half; ++k) foldColumns<Real>(f, a, x.n, k, z.n);
+  alongColumns<Real>(a, z.vectors, b, x.n);
+  for (int k = 0; k < z.n; ++k, response += x.n) scaleColumn(b.at(0, k).data, response, f.at(0, k).data, x.n);
+}
+
+// Z response
+template <class Real>
+void BoxPoisson<Real>::sliceToNodes(Real* slice, const Real* response, Buffers& buffers) const {
+  const Axis &x = axes_[0], &z = axes_[2];
+  const View<Real> a = view(buffers.a), b = view(buffers.b), f{slice, z.stride};
+  for (int k = 0; k < z.n; ++k, response += x.n) scaleColumn(f.at(0, k).data, response, b.at(0, k).data, x.n);
+  alongColumns<Real>(b, z.transposed, a, x.n);
+  for (int k = 0; k < z.half; ++k) foldColumns<Real>(a, f, x.n, k, z.n);
+}
+
+// Z response Z^T
 template <class Real>
 void BoxPoisson<Real>::respond(Real* slice, const Real* response, Buffers& buffers) const {
   const Axis &x = axes_[0], &z = axes_[2];
   const View<Real> a = view(buffers.a), b = view(buffers.b), f{slice, z.stride};
   for (int k = 0; k < z.half; ++k) foldColumns<Real>(f, a, x.n, k, z.n);
   alongColumns<Real>(a, z.vectors, b, x.n);
-  for (int k = 0; k < z.n; ++k, response += x.n) {
-    Real* column = b.at(0, k).data;
-#pragma omp simd
-    for (int i = 0; i < x.n; ++i) column[i] *= response[i];
-  }
+  for (int k = 0; k < z.n; ++k, response += x.n) scaleColumn(b.at(0, k).data, response, b.at(0, k).data, x.n);
   alongColumns<Real>(b, z.transposed, a, x.n);
   for (int k = 0; k < z.half; ++k) foldColumns<Real>(a, f, x.n, k, z.n);
+}
+
+// Within a parallel region: f(layer) and f(slice, response of its modes) for every x-y layer and x-z slice
+template <class Real>
+template <class F>
+void BoxPoisson<Real>::forEachLayer(Real* const* fields, int count, F&& f) const {
+#pragma omp for collapse(2) schedule(static)
+  for (int e = 0; e < count; ++e)
+    for (int k = 0; k < axes_[2].n; ++k) f(fields[e] + first_ + k * axes_[2].stride);
+}
+
+template <class Real>
+template <class F>
+void BoxPoisson<Real>::forEachSlice(Real* const* fields, int count, F&& f) const {
+#pragma omp for collapse(2) schedule(static)
+  for (int e = 0; e < count; ++e)
+    for (int j = 0; j < axes_[1].n; ++j)
+      f(fields[e] + first_ + j * axes_[1].stride,
+        response_.data() + std::size_t(j) * axes_[0].n * axes_[2].n);
 }
 
 template <class Real>
@@ -319,18 +361,42 @@ void BoxPoisson<Real>::solve(Real* const* fields, int count) const {
 #pragma omp parallel
   {
     Buffers buffers(axes_);
-#pragma omp for collapse(2) schedule(static)
-    for (int f = 0; f < count; ++f)
-      for (int k = 0; k < axes_[2].n; ++k) toModes(fields[f] + first_ + k * axes_[2].stride, buffers);
-#pragma omp for collapse(2) schedule(static)
-    for (int f = 0; f < count; ++f)
-      for (int j = 0; j < axes_[1].n; ++j)
-        respond(fields[f] + first_ + j * axes_[1].stride,
-                response_.data() + std::size_t(j) * axes_[0].n * axes_[2].n, buffers);
-#pragma omp for collapse(2) schedule(static)
-    for (int f = 0; f < count; ++f)
-      for (int k = 0; k < axes_[2].n; ++k) toNodes(fields[f] + first_ + k * axes_[2].stride, buffers);
+    forEachLayer(fields, count, [&](Real* layer) { layerToModes(layer, buffers); });
+    forEachSlice(fields, count, [&](Real* slice, const Real* r) { respond(slice, r, buffers); });
+    forEachLayer(fields, count, [&](Real* layer) { layerToNodes(layer, buffers); });
   }
+}
+
+template <class Real>
+void BoxPoisson<Real>::fromModes(Real* const* fields, int count) const {
+#pragma omp parallel
+  {
+    Buffers buffers(axes_);
+    forEachSlice(fields, count, [&](Real* slice, const Real* r) { sliceToNodes(slice, r, buffers); });
+    forEachLayer(fields, count, [&](Real* layer) { layerToNodes(layer, buffers); });
+  }
+}
+
+template <class Real>
+void BoxPoisson<Real>::toModes(Real* const* fields, int count) const {
+#pragma omp parallel
+  {
+    Buffers buffers(axes_);
+    forEachLayer(fields, count, [&](Real* layer) { layerToModes(layer, buffers); });
+    forEachSlice(fields, count, [&](Real* slice, const Real* r) { sliceToModes(slice, r, buffers); });
+  }
+}
+
+template <class Real>
+std::vector<Real> BoxPoisson<Real>::perMode(const std::function<double(double)>& function) const {
+  std::vector<Real> out(nodes_, 0);
+  const auto& [x, y, z] = axes_;
+  for (int k = 0; k < z.n; ++k)
+    for (int j = 0; j < y.n; ++j)
+      for (int i = 0; i < x.n; ++i)
+        out[first_ + i * x.stride + j * y.stride + k * z.stride] =
+            Real(function(x.values[i] + y.values[j] + z.values[k]));
+  return out;
 }
 
 template class BoxPoisson<float>;

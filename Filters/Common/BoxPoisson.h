@@ -51,6 +51,13 @@ public:
   void solve(Real* const* fields, int count) const;
   void solve(Real* field) const { solve(&field, 1); }
 
+  /// The two halves of solve: from the coefficients of the modes, of which there are as many as nodes, f = X Y Z
+  /// response(L) c, and the transpose, c = response(L) X^T Y^T Z^T f.
+  void fromModes(Real* const* fields, int count) const;
+  void toModes(Real* const* fields, int count) const;
+  /// A function of the eigenvalue of each mode, where fromModes has its coefficient; 0 on other nodes.
+  std::vector<Real> perMode(const std::function<double(double eigenvalue)>& function) const;
+
 private:
   using Matrix = Eigen::Matrix<Real, Eigen::Dynamic, Eigen::Dynamic>;
   /// One axis. Folded, a line holds f[i] + f[n-1-i] in its first half and f[i] - f[n-1-i] at n-1-i.
@@ -63,12 +70,19 @@ private:
     explicit Axis(const AxisBasis& basis);
   };
   struct Buffers;
-  void toModes(Real* layer, Buffers& buffers) const;
-  void toNodes(Real* layer, Buffers& buffers) const;
+  void layerToModes(Real* layer, Buffers& buffers) const;
+  void layerToNodes(Real* layer, Buffers& buffers) const;
+  void sliceToModes(Real* slice, const Real* response, Buffers& buffers) const;
+  void sliceToNodes(Real* slice, const Real* response, Buffers& buffers) const;
   void respond(Real* slice, const Real* response, Buffers& buffers) const;
+  template <class F>
+  void forEachLayer(Real* const* fields, int count, F&& f) const;
+  template <class F>
+  void forEachSlice(Real* const* fields, int count, F&& f) const;
 
   std::array<Axis, 3> axes_; ///< those of one node last
   std::size_t first_ = 0;    ///< the first node that the bases act on
+  std::size_t nodes_ = 0;    ///< of the grid
   std::vector<Real> response_;
 };
 

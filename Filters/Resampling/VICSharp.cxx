@@ -33,9 +33,7 @@ void check(const VICSharpTracks& t, const VICSharpOptions& o) {
     throw std::invalid_argument("the grid must have the same spacing along all axes");
   const bool valid = o.viscosity >= 0 && o.velocityNoise >= 0 && o.accelerationNoise >= 0 &&
                      o.maximumIterations >= 1 && o.tolerance > 0 && o.padding >= 0 && o.heldOut > 0 &&
-                     o.heldOut < 0.5 && o.accelerationWeight >= 0 && o.divergenceWeight >= 0 &&
-                     o.vorticityDivergenceWeight >= 0 && o.accelerationDivergenceWeight >= 0 &&
-                     o.navierStokesWeight >= 0 && o.curvatureWeight >= 0 && o.outliers >= 0;
+                     o.heldOut < 0.5 && o.accelerationWeight >= 0 && o.curvatureWeight >= 0 && o.outliers >= 0;
   if (!valid)
     throw std::invalid_argument("an option is negative, not a number or out of its range: viscosity, noise "
                                 "levels, weights and padding must be at least 0, and at least one iteration "
@@ -476,7 +474,6 @@ void addWalls(const VICSharpOptions& options, Problem& p) {
     // Half a spacing inwards, so that no node next to a particle counts as inside.
     return std::min(distance, double((*field)[grid.index(n[0], n[1], n[2])]) + 0.5 * grid.spacing[0]);
   };
-  p.constants.navierStokesWeight *= 0.1; // there is no pressure inside
   if (body) addWall(*body, options.grid.spacing[0], p.grid, p.data);
 }
 
@@ -514,10 +511,6 @@ Problem problem(const VICSharpTracks& tracks, const VICSharpOptions& options) {
     k.accelerationWeight = std::clamp(options.velocityNoise * k.accelerationScale /
                                           (options.accelerationNoise * k.velocityScale),
                                       0.1, 0.5);
-  k.divergenceWeight = options.divergenceWeight;
-  k.vorticityDivergenceWeight = options.vorticityDivergenceWeight;
-  k.accelerationDivergenceWeight = options.accelerationDivergenceWeight;
-  k.navierStokesWeight = options.navierStokesWeight;
   k.curvatureWeight = options.curvatureWeight > 0 ? options.curvatureWeight : 0.0125;
   p.particles = p.data.size();
   addWalls(options, p);
@@ -548,8 +541,8 @@ void writeFields(const Model& model, const Problem& p, VICSharpResult& result) {
   const Stencils<float> stencils(p.grid, model.constants().order);
   const int m = p.margin;
   for (auto* field : {&result.velocity, &result.vorticity}) field->resize(3 * to.size());
-  if (model.hasRate()) result.acceleration.resize(3 * to.size());
-  if (model.hasPressure()) result.pressure.resize(to.size());
+  if (model.hasAccelerationData()) result.acceleration.resize(3 * to.size());
+  if (model.hasAccelerationData()) result.pressure.resize(to.size());
   double meanPressure = 0;
   const auto sums = sumOverRows<float, 2>(to, 0, [&](int j, int k, RowBuffers<float>&) {
     RowBuffers<float> g(p.grid.n[0], 9); // d u_i / d x_j at 3 i + j
@@ -564,9 +557,9 @@ void writeFields(const Model& model, const Problem& p, VICSharpResult& result) {
         const int l = (c + 1) % 3, n = (c + 2) % 3;
         result.velocity[3 * out + c] = float(double(model.velocity()[c][node]) + p.data.meanVelocity[c]);
         result.vorticity[3 * out + c] = g(3 * n + l)[e] - g(3 * l + n)[e];
-        if (model.hasRate()) result.acceleration[3 * out + c] = model.acceleration()[c][node];
+        if (model.hasAccelerationData()) result.acceleration[3 * out + c] = model.acceleration()[c][node];
       }
-      if (model.hasPressure()) result.pressure[out] = model.pressure()[node];
+      if (model.hasAccelerationData()) result.pressure[out] = model.pressure()[node];
       divergence += square(double(g(0)[e]) + double(g(4)[e]) + double(g(8)[e]));
       for (int c = 0; c < 9; ++c) gradient += square(double(g(c)[e]));
     }
@@ -696,7 +689,7 @@ VICSharpResult vicSharp(const VICSharpTracks& tracks, const VICSharpOptions& opt
       overNoise(model.accelerationMisfits(), p.data.accelerationWeight, found->accelerationNoise);
   writeFields(model, p, result);
   if (options.body) {
-    if (model.hasRate()) wallLayer(*options.body, 1.5 * options.grid.spacing[0], result);
+    if (model.hasAccelerationData()) wallLayer(*options.body, 1.5 * options.grid.spacing[0], result);
     maskBody(*options.body, result);
   }
   goOn(progress, 1);

@@ -30,10 +30,6 @@ struct VICSharpOptions {
   double tolerance = 0.002; ///< stop when an iteration gains less than this part of the noise variance, > 0
   double padding = 1;       ///< computed beyond the faces of the grid, in mean particle spacings, >= 0
   double accelerationWeight = 0; ///< alpha, >= 0; 0: from the noise levels where both are given, else 0.3
-  double divergenceWeight = 0.1; ///< bu, and likewise the next three, >= 0
-  double vorticityDivergenceWeight = 0.1;
-  double accelerationDivergenceWeight = 0.1;
-  double navierStokesWeight = 0.1;
   double curvatureWeight = 0; ///< bc, >= 0; 0: found with particles held out
   double heldOut = 0.05;      ///< part of the particles held out while bc is sought, 0 < and < 0.5
   double outliers = 5; ///< misses by more than so many standard deviations count linearly, >= 0; 0: never,

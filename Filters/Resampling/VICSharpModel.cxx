@@ -1,6 +1,5 @@
 #include "VICSharpModel.h"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 
@@ -41,6 +40,26 @@ double square(double v) { return v * v; }
 constexpr double WallSmoothness = 0.03;
 constexpr double SourcePenalty = 1e-3;
 
+// The eigenvectors of the second difference with zeros at the ends. Its eigenvalues are those of the compact
+// difference of fourth order, (1 + h^2/12 delta)^-1 delta.
+AxisBasis pressureBasis(const Grid& grid, int axis, int order) {
+  AxisBasis basis = dirichletBasis(grid.n[axis], grid.spacing[axis]);
+  if (order == 4)
+    basis.values = basis.values.array() / (1 + square(grid.spacing[axis]) / 12 * basis.values.array());
+  return basis;
+}
+
+// The modes of a line with free ends, the eigenvectors of the squared third difference; the values are -k^2.
+AxisBasis freeBasis(const Grid& grid, int axis) {
+  const int n = grid.n[axis];
+  Eigen::MatrixXd difference = Eigen::MatrixXd::Zero(n - 3, n);
+  for (int i = 0; i + 3 < n; ++i) difference.block<1, 4>(i, i) << -1, 3, -3, 1;
+  AxisBasis basis = reflectionBasis(difference.transpose() * difference);
+  for (double& value : basis.values)
+    value = -std::cbrt(std::max(value, 0.)) / square(grid.spacing[axis]);
+  return basis;
+}
+
 std::array<AxisBasis, 3> cosines(const Grid& grid) {
   return {neumannBasis(grid.n[0], grid.spacing[0]), neumannBasis(grid.n[1], grid.spacing[1]),
           neumannBasis(grid.n[2], grid.spacing[2])};
@@ -51,8 +70,10 @@ std::array<AxisBasis, 3> cosines(const Grid& grid) {
 template <class Real>
 VICSharpModel<Real>::VICSharpModel(const Grid& grid, const VICSharpData& data,
                                    const VICSharpConstants& constants)
-    : grid_(grid), constants_(constants), stencils_(grid, constants.order), poisson_(grid), boundary_(grid),
-      sampler_(grid, data.position.data(), data.size(), constants.order),
+    : grid_(grid), constants_(constants), stencils_(grid, constants.order),
+      poisson_(grid, {pressureBasis(grid, 0, constants.order), pressureBasis(grid, 1, constants.order),
+                      pressureBasis(grid, 2, constants.order)}),
+      boundary_(grid), sampler_(grid, data.position.data(), data.size(), constants.order),
       velocityData_(byComponent<Real>(data.velocity)),
       accelerationData_(byComponent<Real>(data.acceleration)),
       velocityWeight_(data.velocityWeight.begin(), data.velocityWeight.end()),
@@ -62,22 +83,18 @@ VICSharpModel<Real>::VICSharpModel(const Grid& grid, const VICSharpData& data,
     areaOverVolume_ += 2 / ((grid.n[c] - 1) * grid.spacing[c]);
   }
   const std::size_t n = grid_.size();
-  allocate(w_, n), allocate(u_, n), allocate(wBar_, n), allocate(uBar_, n);
-  uBoundary_.resize(3 * boundary_.size());
-  boundaryBar_.resize(3 * boundary_.size());
+  allocate(potential_, n), allocate(u_, n), allocate(w_, n), allocate(uBar_, n);
   scalar_.resize(n);
-  if (hasRate()) {
-    allocate(q_, n), allocate(d_, n), allocate(a_, n), allocate(aBar_, n), allocate(dBar_, n);
-    dBoundary_.resize(3 * boundary_.size());
-  }
-  if (hasPressure()) {
-    p_.assign(n, 0);
-    pressurePoisson_ = std::make_unique<BoxPoisson<Real>>(
-        grid_, std::array<AxisBasis, 3>{normalBasis(0), normalBasis(1), normalBasis(2)});
+  boundaryValues_.resize(boundary_.size());
+  boundaryBar_.resize(boundary_.size());
+  if (hasAccelerationData()) {
+    allocate(a_, n), allocate(aBar_, n);
+    for (auto& component : gradient_) component.assign(n, 0);
+    p_.assign(n, 0), pBar_.assign(n, 0);
   }
   makeFaceLaplacian();
   findInside();
-  if (constants_.precondition) makePreconditioners();
+  makePreconditioners();
 }
 
 template <class Real>
@@ -93,82 +110,54 @@ void VICSharpModel<Real>::findInside() {
                      near = std::exp(-square(std::max(0., distance) / r)), share = 0.5 - distance / h;
         const std::size_t node = grid_.index(i, j, k);
         smoothness_[node] = Real(1 - (1 - WallSmoothness) * near);
-        if (share <= 0 || !hasRate()) continue;
+        if (share <= 0 || !hasAccelerationData()) continue;
         inside_.push_back(std::uint32_t(node));
         insideShare_.push_back(Real(std::min(share, 1.)));
       }
 }
 
-// q = (1 - s) q + s f
-template <class Real>
-void VICSharpModel<Real>::freeInside(const Real* source) {
-  const std::size_t count = inside_.size();
-  const Real scale = Real(sourceScale());
-  for (int i = 0; i < 3; ++i)
-    for (std::size_t e = 0; e < count; ++e) {
-      Real& q = q_[i][inside_[e]];
-      q += insideShare_[e] * (scale * source[i * count + e] - q);
-    }
-  source_.assign(source, source + 3 * count);
-}
-
-// From q_ = dJ/dq: bar = dJ/df with the penalty's part, and q_ becomes the derivative by what q was before
-template <class Real>
-double VICSharpModel<Real>::freeInsideTransposed(const Real* source, Real* bar) {
-  const std::size_t count = inside_.size();
-  const Real scale = Real(sourceScale());
-  const double ridge = SourcePenalty / double(grid_.size());
-  double sum = 0;
-  for (int i = 0; i < 3; ++i)
-    for (std::size_t e = 0; e < count; ++e) {
-      Real& q = q_[i][inside_[e]];
-      const Real s = source[i * count + e];
-      sum += double(s) * double(s);
-      bar[i * count + e] = scale * insideShare_[e] * q + Real(2 * ridge) * s;
-      q *= 1 - insideShare_[e];
-    }
-  return ridge * sum;
-}
-
 template <class Real>
 typename VICSharpModel<Real>::State VICSharpModel<Real>::state() const {
-  State out{grid_, w_, u_, d_, {}, {mean_[0], mean_[1], mean_[2]}};
-  for (int i = 0; i < 3 && !inside_.empty(); ++i) {
-    out.source[i].assign(grid_.size(), 0);
-    for (std::size_t e = 0; e < inside_.size(); ++e)
-      out.source[i][inside_[e]] = Real(sourceScale()) * source_[i * inside_.size() + e];
-  }
+  State out{grid_, potential_, p_, {}, {mean_[0], mean_[1], mean_[2]}};
+  if (inside_.empty()) return out;
+  out.source.assign(grid_.size(), 0);
+  for (std::size_t e = 0; e < inside_.size(); ++e)
+    out.source[inside_[e]] = Real(sourceScale()) * source_[e];
   return out;
 }
 
 template <class Real>
 void VICSharpModel<Real>::setConstants(const VICSharpConstants& constants) {
-  const bool again = constants.precondition && constants.curvatureWeight != constants_.curvatureWeight;
+  const bool again = constants.curvatureWeight != constants_.curvatureWeight;
   constants_ = constants;
   if (again) makePreconditioners();
 }
 
-// F, Fb, Fe = H^-1/2, with H the Hessian of J for one wave of wavenumber k (times the number of nodes, so
-// that every unknown has the same scale): of the vorticity in an unbounded fluid, and of a boundary value
+// F and Fb = H^-1/2, with H the Hessian of J for one wave of wavenumber k (times the number of nodes, so
+// that every unknown has the same scale): of the potential in an unbounded fluid, and of a boundary pressure
 // that falls off as exp(-k z) inwards.
 template <class Real>
 void VICSharpModel<Real>::makePreconditioners() {
-  const VICSharpConstants& k = constants_;
-  double advectingSpeed2 = 3 * square(k.velocityScale);
-  for (Real m : mean_) advectingSpeed2 += square(m);
-  const double r = k.particleSpacing, longest = 0.25, // (k r)^2 of the longest waves that are told apart
-      alpha2 = hasAccelerationData() ? square(k.accelerationWeight) : 0,
-               advection = alpha2 * advectingSpeed2 / square(r * k.accelerationScale),
-               bc2 = square(k.curvatureWeight), bu2 = square(k.divergenceWeight),
-               bd2 = square(k.accelerationDivergenceWeight), thickness = r * areaOverVolume_;
-  const auto vorticity = [=](double eigenvalue) {
-    const double k2 = -eigenvalue * r * r;
-    return 0.25 / (k2 + longest) + 0.25 * advection + bc2 * k2 * k2;
+  const VICSharpConstants& c = constants_;
+  const double r = c.particleSpacing, alpha2 = hasAccelerationData() ? square(c.accelerationWeight) : 0,
+               bc2 = square(c.curvatureWeight), thickness = r * areaOverVolume_;
+  double longest = 0; // no wave is longer than the box
+  for (int a = 0; a < 3; ++a) longest = std::max(longest, (grid_.n[a] - 1) * grid_.spacing[a]);
+  const double least = square(M_PI * r / longest);
+  const auto bending = [=](double eigenvalue) { return 2 * c.curvatureWeight * square(eigenvalue * r * r); };
+  const auto potential = [=](double eigenvalue) {
+    return std::max(-eigenvalue * r * r, least) * (1 + 2 * alpha2) + square(bending(eigenvalue));
   };
-  smooth_ = std::make_unique<BoxPoisson<Real>>(grid_, cosines(grid_),
-                                               [=](double l) { return 1 / std::sqrt(vorticity(l)); });
-  unsmooth_ = std::make_unique<BoxPoisson<Real>>(grid_, cosines(grid_),
-                                                 [=](double l) { return std::sqrt(vorticity(l)); });
+  const std::array<AxisBasis, 3> bases{freeBasis(grid_, 0), freeBasis(grid_, 1), freeBasis(grid_, 2)};
+  smooth_ = std::make_unique<BoxPoisson<Real>>(grid_, bases,
+                                               [=](double l) { return 1 / std::sqrt(potential(l)); });
+  unsmooth_ =
+      std::make_unique<BoxPoisson<Real>>(grid_, bases, [=](double l) { return std::sqrt(potential(l)); });
+  if (smoothness_.empty())
+    prior_ = smooth_->perMode([=](double l) { return square(bending(l)) / potential(l); });
+  else
+    bend_ = std::make_unique<BoxPoisson<Real>>(
+        grid_, bases, [=](double l) { return bending(l) / std::sqrt(potential(l)); });
 
   std::vector<std::size_t> place(grid_.size());
   for (std::size_t e = 0; e < boundary_.size(); ++e) place[boundary_.node[e]] = e;
@@ -184,79 +173,71 @@ void VICSharpModel<Real>::makePreconditioners() {
       for (int z = from[2]; z <= to[2]; ++z)
         for (int y = from[1]; y <= to[1]; ++y)
           for (int x = from[0]; x <= to[0]; ++x) face.boundary.push_back(place[grid_.index(x, y, z)]);
-      const double nodes = 0.3 * double(grid_.size()) / double(face.grid.size()) * thickness; // 0.3: measured
-      const auto velocity = [=](double eigenvalue) {
-        const double k2 = -eigenvalue * r * r, decay = 2 * std::sqrt(k2 + longest);
-        return nodes * ((1 + (advection + 4 * bu2) * k2) / decay + 2 * bc2 * k2 * k2);
+      const double nodes = double(grid_.size()) / double(face.grid.size()) * thickness;
+      const auto pressure = [=](double eigenvalue) {
+        const double k2 = std::max(-eigenvalue * r * r, least);
+        return nodes * (alpha2 * std::sqrt(k2) + 2 * bc2 * k2 * k2);
       };
-      const auto rate = [=](double eigenvalue) {
-        const double k2 = -eigenvalue * r * r, decay = 2 * std::sqrt(k2 + longest);
-        return nodes * ((std::max(alpha2, 0.01) + bd2 * k2) / decay + 2 * bc2 * k2 * k2);
-      };
-      const auto make = [&](auto response) {
-        return std::make_unique<BoxPoisson<Real>>(face.grid, cosines(face.grid), response);
-      };
-      face.u = make([=](double l) { return 1 / std::sqrt(velocity(l)); });
-      face.inverseU = make([=](double l) { return std::sqrt(velocity(l)); });
-      face.d = make([=](double l) { return 1 / std::sqrt(rate(l)); });
-      face.inverseD = make([=](double l) { return std::sqrt(rate(l)); });
+      face.smooth = std::make_unique<BoxPoisson<Real>>(face.grid, cosines(face.grid),
+                                                       [=](double l) { return 1 / std::sqrt(pressure(l)); });
+      face.unsmooth = std::make_unique<BoxPoisson<Real>>(face.grid, cosines(face.grid),
+                                                         [=](double l) { return std::sqrt(pressure(l)); });
       faces_.push_back(std::move(face));
     }
     ++low[normal], --high[normal];
   }
 }
 
-// to = scale (map of each face) from, for three components of boundary values
+// to = scale (map of each face) from
 template <class Real>
 void VICSharpModel<Real>::applyFaces(const std::unique_ptr<BoxPoisson<Real>> Face::*map, const Real* from,
                                      Real scale, Real* to) const {
-  const std::size_t count = boundary_.size();
-  if (faces_.empty()) {
-    for (std::size_t e = 0; e < 3 * count; ++e) to[e] = scale * from[e];
-    return;
+  if (faces_.empty())
+    for (std::size_t e = 0; e < boundary_.size(); ++e) to[e] = scale * from[e];
+#pragma omp parallel for schedule(dynamic)
+  for (std::size_t f = 0; f < faces_.size(); ++f) {
+    const Face& face = faces_[f];
+    Vector values(face.boundary.size());
+    for (std::size_t e = 0; e < values.size(); ++e) values[e] = from[face.boundary[e]];
+    (face.*map)->solve(values.data());
+    for (std::size_t e = 0; e < values.size(); ++e) to[face.boundary[e]] = scale * values[e];
   }
-#pragma omp parallel for collapse(2) schedule(dynamic)
-  for (std::size_t f = 0; f < 6; ++f)
-    for (int i = 0; i < 3; ++i) {
-      const Face& face = faces_[f];
-      Vector values(face.boundary.size());
-      for (std::size_t e = 0; e < values.size(); ++e) values[e] = from[i * count + face.boundary[e]];
-      (face.*map)->solve(values.data());
-      for (std::size_t e = 0; e < values.size(); ++e) to[i * count + face.boundary[e]] = scale * values[e];
-    }
 }
 
 template <class Real>
 typename VICSharpModel<Real>::Vector VICSharpModel<Real>::unknowns(const State& state) const {
   const std::size_t n = grid_.size(), count = boundary_.size();
   Vector x(size(), 0);
-  const auto boundaryOf = [&](const VectorField& field, const std::array<double, 3>& shift, double scale,
-                              const std::unique_ptr<BoxPoisson<Real>> Face::*map, Real* to) {
-    Vector values(3 * count);
-    for (int i = 0; i < 3; ++i) {
-      const Vector f = resample(state.grid, field[i].data(), grid_);
-      for (std::size_t e = 0; e < count; ++e) values[i * count + e] = f[boundary_.node[e]] + Real(shift[i]);
-    }
-    applyFaces(map, values.data(), Real(1 / scale), to);
-  };
+  // Both velocities are less their own mean: curl (m x (x - centre))/2 = m.
+  std::array<double, 3> m, centre;
   for (int i = 0; i < 3; ++i) {
-    Vector w = resample(state.grid, state.vorticity[i].data(), grid_);
-    for (Real& v : w) v *= Real(1 / constants_.vorticityScale());
-    if (unsmooth_) unsmooth_->solve(w.data());
-    std::copy(w.begin(), w.end(), x.begin() + i * n);
+    m[i] = state.mean[i] - double(mean_[i]);
+    centre[i] = grid_.origin[i] + 0.5 * (grid_.n[i] - 1) * grid_.spacing[i];
   }
-  std::array<double, 3> shift; // both velocities are less their own mean
-  for (int i = 0; i < 3; ++i) shift[i] = state.mean[i] - double(mean_[i]);
-  boundaryOf(state.velocity, shift, constants_.velocityScale, &Face::inverseU, x.data() + 3 * n);
-  if (hasRate() && !state.rate[0].empty())
-    boundaryOf(state.rate, {0, 0, 0}, constants_.accelerationScale, &Face::inverseD,
-               x.data() + 3 * (n + count));
-  if (!inside_.empty() && !state.source[0].empty())
-    for (int i = 0; i < 3; ++i) {
-      const Vector q = resample(state.grid, state.source[i].data(), grid_);
-      for (std::size_t e = 0; e < inside_.size(); ++e)
-        x[3 * (n + 2 * count) + i * inside_.size() + e] = q[inside_[e]] / Real(sourceScale());
-    }
+  for (int i = 0; i < 3; ++i) {
+    const int l = (i + 1) % 3, k = (i + 2) % 3;
+    Vector potential = resample(state.grid, state.potential[i].data(), grid_);
+    std::size_t e = 0;
+    for (int c = 0; c < grid_.n[2]; ++c)
+      for (int b = 0; b < grid_.n[1]; ++b)
+        for (int a = 0; a < grid_.n[0]; ++a, ++e) {
+          const auto at = grid_.position(a, b, c);
+          const double shift = 0.5 * (m[l] * (at[k] - centre[k]) - m[k] * (at[l] - centre[l]));
+          potential[e] = Real((double(potential[e]) + shift) / potentialScale());
+        }
+    Real* field = potential.data();
+    unsmooth_->toModes(&field, 1);
+    std::copy(potential.begin(), potential.end(), x.begin() + i * n);
+  }
+  if (!hasAccelerationData() || state.pressure.empty()) return x;
+  const Vector p = resample(state.grid, state.pressure.data(), grid_);
+  Vector values(count);
+  for (std::size_t e = 0; e < count; ++e) values[e] = p[boundary_.node[e]];
+  applyFaces(&Face::unsmooth, values.data(), Real(1 / pressureScale()), x.data() + 3 * n);
+  if (inside_.empty() || state.source.empty()) return x;
+  const Vector source = resample(state.grid, state.source.data(), grid_);
+  for (std::size_t e = 0; e < inside_.size(); ++e)
+    x[3 * n + count + e] = source[inside_[e]] / Real(sourceScale());
   return x;
 }
 
@@ -281,110 +262,121 @@ void VICSharpModel<Real>::makeFaceLaplacian() {
   }
 }
 
-// Eigenvectors of D^T D along an axis; only constants belong to eigenvalue 0
+// out (+)= scale curl f
 template <class Real>
-AxisBasis VICSharpModel<Real>::normalBasis(int axis) const {
-  const int n = grid_.n[axis];
-  Eigen::MatrixXd d = Eigen::MatrixXd::Zero(n, n);
-  const auto& taps = stencils_.difference(axis);
-  for (int i = 0; i < n; ++i)
-    for (int t = 0; t < taps[i].count; ++t) d(i, taps[i].index[t]) = double(taps[i].weight[t]);
-  AxisBasis basis = reflectionBasis(d.transpose() * d);
-  basis.values[0] = 0;
-  return basis;
-}
-
-// L f = -curl source inside, f = b on the boundary
-template <class Real>
-void VICSharpModel<Real>::solveCurl(const VectorField& source, const Vector& b, VectorField& f) const {
-  const int n = grid_.n[0];
-  forEachRow<Real>(grid_, 1, [&](int j, int k, RowBuffers<Real>& rows) {
-    if (!stencils_.isInterior(j, k)) return;
-    for (int i = 0; i < 3; ++i) {
-      const int l = (i + 1) % 3, m = (i + 2) % 3;
-      stencils_.derivative(source[l].data(), m, j, k, rows(0)); // -(D_l s_m - D_m s_l)
-      stencils_.addDerivative(source[m].data(), l, j, k, Real(-1), rows(0));
-      std::copy(rows(0) + 1, rows(0) + n - 1, f[i].data() + grid_.index(1, j, k));
-    }
-  });
-  const std::size_t count = boundary_.size();
-#pragma omp parallel for
-  for (int i = 0; i < 3; ++i)
-    for (std::size_t e = 0; e < count; ++e) {
-      const Real value = b[i * count + e];
-      f[i][boundary_.node[e]] = value;
-      if (boundary_.inside[e] >= 0) f[i][boundary_.inside[e]] -= Real(boundary_.weight[e]) * value;
-    }
-  poisson_.solve(pointers(f).data(), 3);
-}
-
-// From dJ/df: dJ/d(right-hand side) inside (0 on the boundary) in its place, and bBar += dJ/db
-template <class Real>
-void VICSharpModel<Real>::solveCurlTransposed(VectorField& bar, Vector& bBar) const {
-  poisson_.solve(pointers(bar).data(), 3);
-  const std::size_t count = boundary_.size();
-#pragma omp parallel for
-  for (int i = 0; i < 3; ++i)
-    for (std::size_t e = 0; e < count; ++e) {
-      Real value = bar[i][boundary_.node[e]];
-      if (boundary_.inside[e] >= 0) value -= Real(boundary_.weight[e]) * bar[i][boundary_.inside[e]];
-      bBar[i * count + e] += value;
-      bar[i][boundary_.node[e]] = 0;
-    }
-}
-
-// out (+)= scale curl^T bar
-template <class Real>
-void VICSharpModel<Real>::addCurlTransposed(const VectorField& bar, Real scale, VectorField& out,
-                                            bool accumulate) const {
+void VICSharpModel<Real>::curl(const VectorField& f, Real scale, VectorField& out) const {
   forEachRow<Real>(grid_, 0, [&](int j, int k, RowBuffers<Real>&) {
     for (int i = 0; i < 3; ++i) {
       const int l = (i + 1) % 3, m = (i + 2) % 3;
       Real* row = out[i].data() + grid_.index(0, j, k);
-      if (!accumulate) std::fill_n(row, grid_.n[0], Real(0));
+      std::fill_n(row, grid_.n[0], Real(0));
+      stencils_.addDerivative(f[m].data(), l, j, k, scale, row);
+      stencils_.addDerivative(f[l].data(), m, j, k, -scale, row);
+    }
+  });
+}
+
+// out (+)= scale curl^T bar
+template <class Real>
+void VICSharpModel<Real>::curlTransposed(const VectorField& bar, Real scale, VectorField& out) const {
+  forEachRow<Real>(grid_, 0, [&](int j, int k, RowBuffers<Real>&) {
+    for (int i = 0; i < 3; ++i) {
+      const int l = (i + 1) % 3, m = (i + 2) % 3;
+      Real* row = out[i].data() + grid_.index(0, j, k);
+      std::fill_n(row, grid_.n[0], Real(0));
       stencils_.addDerivativeTransposed(bar[m].data(), l, j, k, -scale, row); // (curl)_m has -D_l of i
       stencils_.addDerivativeTransposed(bar[l].data(), m, j, k, scale, row);  // (curl)_l has +D_m of i
     }
   });
 }
 
-// q_i = w_j Gu_ij - U_j Gw_ij + nu (L w)_i
+// M p = -Gu_ij Gu_ji, within walls and voids (1 - s) (...) + s f; p = b on the boundary
 template <class Real>
-void VICSharpModel<Real>::transport() {
+void VICSharpModel<Real>::solvePressure(const Real* source) {
+  const int n = grid_.n[0];
+  forEachRow<Real>(grid_, 0, [&](int j, int k, RowBuffers<Real>&) {
+    const std::size_t first = grid_.index(0, j, k);
+    std::array<Real*, 9> g;
+    for (int i = 0; i < 3; ++i)
+      for (int l = 0; l < 3; ++l) {
+        g[3 * i + l] = gradient_[3 * i + l].data() + first;
+        stencils_.derivative(u_[i].data(), l, j, k, g[3 * i + l]);
+      }
+    Real* p = p_.data() + first;
+#pragma omp simd
+    for (int e = 0; e < n; ++e)
+      p[e] = -(g[0][e] * g[0][e] + g[4][e] * g[4][e] + g[8][e] * g[8][e] +
+               2 * (g[1][e] * g[3][e] + g[2][e] * g[6][e] + g[5][e] * g[7][e]));
+  });
+  const Real scale = Real(sourceScale());
+  for (std::size_t e = 0; e < inside_.size(); ++e) {
+    Real& p = p_[inside_[e]];
+    p += insideShare_[e] * (scale * source[e] - p);
+  }
+  source_.assign(source, source + inside_.size());
+  for (std::size_t e = 0; e < boundary_.size(); ++e) {
+    p_[boundary_.node[e]] = boundaryValues_[e];
+    if (boundary_.inside[e] >= 0) p_[boundary_.inside[e]] -= Real(boundary_.weight[e]) * boundaryValues_[e];
+  }
+  poisson_.solve(p_.data());
+}
+
+// From pBar_ = dJ/dp: boundaryBar_ += dJ/db, sourceBar = dJ/df with its penalty's part, and uBar_
+template <class Real>
+double VICSharpModel<Real>::solvePressureTransposed(const Real* source, Real* sourceBar) {
+  poisson_.solve(pBar_.data());
+  for (std::size_t e = 0; e < boundary_.size(); ++e) {
+    Real& value = pBar_[boundary_.node[e]];
+    if (boundary_.inside[e] >= 0) value -= Real(boundary_.weight[e]) * pBar_[boundary_.inside[e]];
+    boundaryBar_[e] += value;
+    value = 0;
+  }
+  const Real scale = Real(sourceScale());
+  const double ridge = SourcePenalty / double(grid_.size());
+  double sum = 0;
+  for (std::size_t e = 0; e < inside_.size(); ++e) {
+    Real& bar = pBar_[inside_[e]];
+    sum += square(double(source[e]));
+    sourceBar[e] = scale * insideShare_[e] * bar + Real(2 * ridge) * source[e];
+    bar *= 1 - insideShare_[e];
+  }
+  for (auto& g : gradient_)
+#pragma omp parallel for simd
+    for (std::size_t e = 0; e < pBar_.size(); ++e) g[e] *= -2 * pBar_[e];
+  forEachRow<Real>(grid_, 0, [&](int j, int k, RowBuffers<Real>&) {
+    for (int i = 0; i < 3; ++i)
+      for (int l = 0; l < 3; ++l)
+        stencils_.addDerivativeTransposed(gradient_[3 * l + i].data(), l, j, k, 1,
+                                          uBar_[i].data() + grid_.index(0, j, k));
+  });
+  return ridge * sum;
+}
+
+// a_i = -D_i p + nu (L u)_i
+template <class Real>
+void VICSharpModel<Real>::materialAcceleration() {
   const int n = grid_.n[0];
   const Real nu = Real(constants_.viscosity);
-  forEachRow<Real>(grid_, 2, [&](int j, int k, RowBuffers<Real>& rows) {
-    const std::size_t first = grid_.index(0, j, k);
+  forEachRow<Real>(grid_, 0, [&](int j, int k, RowBuffers<Real>&) {
     for (int i = 0; i < 3; ++i) {
-      Real *q = q_[i].data() + first, *gu = rows(0), *gw = rows(1);
-      std::fill_n(q, n, Real(0));
-      for (int l = 0; l < 3; ++l) {
-        const Real *w = w_[l].data() + first, *u = u_[l].data() + first, mean = mean_[l];
-        stencils_.derivative(u_[i].data(), l, j, k, gu);
-        stencils_.derivative(w_[i].data(), l, j, k, gw);
-#pragma omp simd
-        for (int e = 0; e < n; ++e) q[e] += w[e] * gu[e] - (u[e] + mean) * gw[e];
-      }
-      if (nu != 0) stencils_.addLaplacian(w_[i].data(), j, k, nu, q);
+      Real* a = a_[i].data() + grid_.index(0, j, k);
+      std::fill_n(a, n, Real(0));
+      stencils_.addDerivative(p_.data(), i, j, k, Real(-1), a);
+      if (nu != 0) stencils_.addLaplacian(u_[i].data(), j, k, nu, a);
     }
   });
 }
 
-// a_i = d_i + U_j Gu_ij
+// From aBar_ = dJ/da: pBar_ and its part of uBar_
 template <class Real>
-void VICSharpModel<Real>::materialAcceleration() {
-  const int n = grid_.n[0];
-  forEachRow<Real>(grid_, 1, [&](int j, int k, RowBuffers<Real>& rows) {
+void VICSharpModel<Real>::materialAccelerationTransposed() {
+  const Real nu = Real(constants_.viscosity);
+  forEachRow<Real>(grid_, 0, [&](int j, int k, RowBuffers<Real>&) {
     const std::size_t first = grid_.index(0, j, k);
+    std::fill_n(pBar_.data() + first, grid_.n[0], Real(0));
     for (int i = 0; i < 3; ++i) {
-      Real *a = a_[i].data() + first, *gu = rows(0);
-      std::copy_n(d_[i].data() + first, n, a);
-      for (int l = 0; l < 3; ++l) {
-        const Real *u = u_[l].data() + first, mean = mean_[l];
-        stencils_.derivative(u_[i].data(), l, j, k, gu);
-#pragma omp simd
-        for (int e = 0; e < n; ++e) a[e] += (u[e] + mean) * gu[e];
-      }
+      stencils_.addDerivativeTransposed(aBar_[i].data(), i, j, k, Real(-1), pBar_.data() + first);
+      if (nu != 0) stencils_.addLaplacianTransposed(aBar_[i].data(), j, k, nu, uBar_[i].data() + first);
     }
   });
 }
@@ -392,19 +384,15 @@ void VICSharpModel<Real>::materialAcceleration() {
 template <class Real>
 void VICSharpModel<Real>::forward(const Vector& x) {
   const std::size_t n = grid_.size();
-  const Real sw = Real(constants_.vorticityScale());
-  for (int i = 0; i < 3; ++i) // w = sw F c
+  const Real scale = Real(potentialScale());
+  for (int i = 0; i < 3; ++i)
 #pragma omp parallel for simd
-    for (std::size_t e = 0; e < n; ++e) w_[i][e] = sw * x[i * n + e];
-  if (smooth_) smooth_->solve(pointers(w_).data(), 3);
-  applyFaces(&Face::u, x.data() + 3 * n, Real(constants_.velocityScale), uBoundary_.data());
-  solveCurl(w_, uBoundary_, u_);
-  if (!hasRate()) return;
-  transport();
-  freeInside(x.data() + 3 * (n + 2 * boundary_.size()));
-  applyFaces(&Face::d, x.data() + 3 * (n + boundary_.size()), Real(constants_.accelerationScale),
-             dBoundary_.data());
-  solveCurl(q_, dBoundary_, d_);
+    for (std::size_t e = 0; e < n; ++e) potential_[i][e] = scale * x[i * n + e];
+  smooth_->fromModes(pointers(potential_).data(), 3);
+  curl(potential_, 1, u_);
+  if (!hasAccelerationData()) return;
+  applyFaces(&Face::smooth, x.data() + 3 * n, Real(pressureScale()), boundaryValues_.data());
+  solvePressure(x.data() + 3 * n + boundary_.size());
   materialAcceleration();
 }
 
@@ -456,239 +444,84 @@ double VICSharpModel<Real>::accelerationMisfit() {
                     sampled_, accelerationMisfits_, aBar_);
 }
 
-// weight |div f|^2; bar_i += 2 weight D_i^T div f
+// 4 bc^2 <r^8 |L L A|^2>/(su r)^2; gradient = its derivative
 template <class Real>
-double VICSharpModel<Real>::penaliseDivergence(const VectorField& f, double weight, VectorField& bar) {
-  if (weight == 0) return 0;
-  const int n = grid_.n[0];
-  const double sum = sumOverRows<Real, 1>(grid_, 0, [&](int j, int k, RowBuffers<Real>&) {
-    Real* row = scalar_.data() + grid_.index(0, j, k);
-    stencils_.derivative(f[0].data(), 0, j, k, row);
-    stencils_.addDerivative(f[1].data(), 1, j, k, 1, row);
-    stencils_.addDerivative(f[2].data(), 2, j, k, 1, row);
-    return std::array<double, 1>{squares(row, n)};
-  })[0];
-  forEachRow<Real>(grid_, 0, [&](int j, int k, RowBuffers<Real>&) {
-    for (int i = 0; i < 3; ++i)
-      stencils_.addDerivativeTransposed(scalar_.data(), i, j, k, Real(2 * weight),
-                                        bar[i].data() + grid_.index(0, j, k));
-  });
-  return weight * sum;
-}
-
-// The p that minimises |R|^2, R = a + grad p - nu L u:   sum of D_i^T D_i p = -sum of D_i^T (a_i - nu L u_i)
-template <class Real>
-void VICSharpModel<Real>::solvePressure() {
-  const Real nu = Real(constants_.viscosity);
-  const int n = grid_.n[0];
-  forEachRow<Real>(grid_, 0, [&](int j, int k, RowBuffers<Real>&) {
-    const std::size_t first = grid_.index(0, j, k);
-    for (int i = 0; i < 3; ++i) {
-      Real* row = aBar_[i].data() + first;
-      std::copy_n(a_[i].data() + first, n, row);
-      if (nu != 0) stencils_.addLaplacian(u_[i].data(), j, k, -nu, row);
-    }
-  });
-  forEachRow<Real>(grid_, 0, [&](int j, int k, RowBuffers<Real>&) {
-    Real* row = p_.data() + grid_.index(0, j, k);
-    std::fill_n(row, n, Real(0));
-    for (int i = 0; i < 3; ++i) stencils_.addDerivativeTransposed(aBar_[i].data(), i, j, k, Real(-1), row);
-  });
-  pressurePoisson_->solve(p_.data());
-}
-
-// weight |R|^2 with R = a + grad p - nu L u; aBar = 2 weight R, which is dJ/da: p is optimal
-template <class Real>
-double VICSharpModel<Real>::penaliseMomentum() {
-  const double bn = constants_.navierStokesWeight, sa = constants_.accelerationScale;
-  const double weight = bn * bn / (grid_.size() * sa * sa);
-  const int n = grid_.n[0];
-  solvePressure();
-  const double sum = sumOverRows<Real, 1>(grid_, 0, [&](int j, int k, RowBuffers<Real>&) {
-    const std::size_t first = grid_.index(0, j, k);
-    double square = 0;
-    for (int i = 0; i < 3; ++i) {
-      Real* row = aBar_[i].data() + first;
-      stencils_.addDerivative(p_.data(), i, j, k, 1, row);
-      square += squares(row, n);
-      for (int e = 0; e < n; ++e) row[e] *= Real(2 * weight);
-    }
-    return std::array<double, 1>{square};
-  })[0];
-  return weight * sum;
-}
-
-// From aBar = dJ/dR its part of uBar
-template <class Real>
-void VICSharpModel<Real>::momentumTransposed() {
-  const Real nu = Real(constants_.viscosity);
-  if (nu == 0) return;
-  forEachRow<Real>(grid_, 0, [&](int j, int k, RowBuffers<Real>&) {
-    for (int i = 0; i < 3; ++i)
-      stencils_.addLaplacianTransposed(aBar_[i].data(), j, k, -nu, uBar_[i].data() + grid_.index(0, j, k));
-  });
-}
-
-// bc^2 r^4 <|L w|^2>/sw^2; its adjoint is added to wBar
-template <class Real>
-double VICSharpModel<Real>::penaliseCurvature() {
-  const double r = constants_.particleSpacing,
-               weight = square(constants_.curvatureWeight * r * r / constants_.vorticityScale()) /
-                        double(grid_.size());
-  if (weight == 0) return 0;
+double VICSharpModel<Real>::penaliseCurvature(const Vector& x, Vector& gradient) {
+  const std::size_t n = grid_.size();
+  const Real twice = Real(2 / double(n));
+  const Vector& weight = smoothness_.empty() ? prior_ : smoothness_;
   double sum = 0;
-  for (int i = 0; i < 3; ++i) {
-    sum += sumOverRows<Real, 1>(grid_, 0, [&](int j, int k, RowBuffers<Real>&) {
-      Real* row = scalar_.data() + grid_.index(0, j, k);
-      std::fill_n(row, grid_.n[0], Real(0));
-      stencils_.addLaplacian(w_[i].data(), j, k, 1, row);
-      if (smoothness_.empty()) return std::array<double, 1>{squares(row, grid_.n[0])};
-      const Real* part = smoothness_.data() + grid_.index(0, j, k);
-      double square = 0;
-      for (int e = 0; e < grid_.n[0]; ++e) {
-        square += double(row[e]) * double(row[e]) * double(part[e]);
-        row[e] *= part[e];
-      }
-      return std::array<double, 1>{square};
-    })[0];
-    forEachRow<Real>(grid_, 0, [&](int j, int k, RowBuffers<Real>&) {
-      stencils_.addLaplacianTransposed(scalar_.data(), j, k, Real(2 * weight),
-                                       wBar_[i].data() + grid_.index(0, j, k));
-    });
+  if (bend_) {
+    for (int i = 0; i < 3; ++i) std::copy_n(x.begin() + i * n, n, w_[i].begin());
+    bend_->fromModes(pointers(w_).data(), 3);
   }
-  return weight * sum;
+  for (int i = 0; i < 3; ++i) {
+    const Real* f = bend_ ? w_[i].data() : x.data() + i * n;
+    Real* out = bend_ ? w_[i].data() : gradient.data() + i * n;
+#pragma omp parallel for simd reduction(+ : sum)
+    for (std::size_t e = 0; e < n; ++e) {
+      const Real weighted = weight[e] * f[e];
+      sum += double(weighted) * double(f[e]);
+      out[e] = twice * weighted;
+    }
+  }
+  if (bend_) {
+    bend_->toModes(pointers(w_).data(), 3);
+    for (int i = 0; i < 3; ++i) std::copy_n(w_[i].begin(), n, gradient.begin() + i * n);
+  }
+  return sum / double(n);
 }
 
-// bc^2 2 r^5 A/V <|Lt b|^2>/scale^2 on the faces; bBar = its adjoint
+// bc^2 2 r^5 A/V <|Lt f|^2>/scale^2 on the faces, f = boundaryValues_; boundaryBar_ = its adjoint
 template <class Real>
-double VICSharpModel<Real>::penaliseBoundaryCurvature(const Vector& b, double scale, Vector& bBar) const {
-  std::fill(bBar.begin(), bBar.end(), Real(0));
-  if (faceLaplacian_.empty() || constants_.curvatureWeight == 0) return 0;
+double VICSharpModel<Real>::penaliseBoundaryCurvature(double scale) {
+  std::fill(boundaryBar_.begin(), boundaryBar_.end(), Real(0));
+  if (faceLaplacian_.empty()) return 0;
   const double weight = 2 * square(constants_.curvatureWeight / scale) *
                         std::pow(constants_.particleSpacing, 5) * areaOverVolume_ /
                         double(faceLaplacian_.size());
-  const std::size_t count = boundary_.size();
-  double sums[3] = {};
-#pragma omp parallel for
-  for (int i = 0; i < 3; ++i) {
-    const Real* v = b.data() + i * count;
-    Real* g = bBar.data() + i * count;
-    for (const FaceLaplacian& s : faceLaplacian_) {
-      const std::uint32_t* e = s.neighbour;
-      const Real wa = s.weight[0], wb = s.weight[1], twice = 2 * v[s.centre];
-      const Real l = wa * (v[e[0]] + v[e[1]] - twice) + wb * (v[e[2]] + v[e[3]] - twice);
-      sums[i] += double(l) * double(l);
-      const Real f = Real(2 * weight) * l;
-      g[e[0]] += f * wa, g[e[1]] += f * wa, g[e[2]] += f * wb, g[e[3]] += f * wb;
-      g[s.centre] -= 2 * f * (wa + wb);
-    }
+  const Real* v = boundaryValues_.data();
+  Real* g = boundaryBar_.data();
+  double sum = 0;
+  for (const FaceLaplacian& s : faceLaplacian_) {
+    const std::uint32_t* e = s.neighbour;
+    const Real wa = s.weight[0], wb = s.weight[1], twice = 2 * v[s.centre];
+    const Real l = wa * (v[e[0]] + v[e[1]] - twice) + wb * (v[e[2]] + v[e[3]] - twice);
+    sum += double(l) * double(l);
+    const Real f = Real(2 * weight) * l;
+    g[e[0]] += f * wa, g[e[1]] += f * wa, g[e[2]] += f * wb, g[e[3]] += f * wb;
+    g[s.centre] -= 2 * f * (wa + wb);
   }
-  return weight * (sums[0] + sums[1] + sums[2]);
-}
-
-// From dJ/dq and dJ/da, the parts of dJ/du and dJ/dw:
-//   uBar_l += aBar_i Gu_il - qBar_i Gw_il,   uBar_i += D_l^T (aBar_i U_l + qBar_i w_l)
-//   wBar_l += qBar_i Gu_il,                  wBar_i += D_l^T (-qBar_i U_l) + nu L^T qBar_i
-template <class Real>
-void VICSharpModel<Real>::transportTransposed() {
-  const VectorField& qBar = q_;
-  const int n = grid_.n[0];
-  const Real nu = Real(constants_.viscosity);
-  forEachRow<Real>(grid_, 2, [&](int j, int k, RowBuffers<Real>& rows) {
-    const std::size_t first = grid_.index(0, j, k);
-    for (int i = 0; i < 3; ++i) {
-      const Real *aB = aBar_[i].data() + first, *qB = qBar[i].data() + first;
-      Real *gu = rows(0), *gw = rows(1);
-      for (int l = 0; l < 3; ++l) {
-        Real *uB = uBar_[l].data() + first, *wB = wBar_[l].data() + first;
-        stencils_.derivative(u_[i].data(), l, j, k, gu);
-        stencils_.derivative(w_[i].data(), l, j, k, gw);
-#pragma omp simd
-        for (int e = 0; e < n; ++e) {
-          uB[e] += aB[e] * gu[e] - qB[e] * gw[e];
-          wB[e] += qB[e] * gu[e];
-        }
-      }
-    }
-    for (int i = 0; i < 3; ++i) {
-      Real *uB = uBar_[i].data() + first, *wB = wBar_[i].data() + first;
-      for (int l = 0; l < 3; ++l) {
-        const Real mean = mean_[l];
-        const auto products = [&](std::size_t at, auto&& use) {
-          const Real *aB = aBar_[i].data() + at, *qB = qBar[i].data() + at, *u = u_[l].data() + at,
-                     *w = w_[l].data() + at;
-#pragma omp simd
-          for (int e = 0; e < n; ++e) use(e, aB[e] * (u[e] + mean) + qB[e] * w[e], -qB[e] * (u[e] + mean));
-        };
-        if (l == 0) {
-          Real *toU = rows(0), *toW = rows(1);
-          products(first, [&](int e, Real forU, Real forW) { toU[e] = forU, toW[e] = forW; });
-          Stencils<Real>::template alongX<true>(stencils_.differenceTransposed(0), toU, 1, n, uB);
-          Stencils<Real>::template alongX<true>(stencils_.differenceTransposed(0), toW, 1, n, wB);
-          continue;
-        }
-        const Taps<Real>& taps = stencils_.differenceTransposed(l)[l == 1 ? j : k];
-        for (int t = 0; t < taps.count; ++t) {
-          const Real weight = taps.weight[t];
-          const int at = taps.index[t];
-          products(l == 1 ? grid_.index(0, at, k) : grid_.index(0, j, at),
-                   [&](int e, Real forU, Real forW) { uB[e] += weight * forU, wB[e] += weight * forW; });
-        }
-      }
-      if (nu != 0) stencils_.addLaplacianTransposed(qBar[i].data(), j, k, nu, wB);
-    }
-  });
+  return weight * sum;
 }
 
 template <class Real>
 double VICSharpModel<Real>::cost(const Vector& x, Vector& gradient) {
-  const VICSharpConstants& k = constants_;
-  const double nodes = double(grid_.size()), r = k.particleSpacing, sw = k.vorticityScale(),
-               sa = k.accelerationScale;
-  const std::size_t n = grid_.size(), count = boundary_.size();
+  const VICSharpConstants& c = constants_;
+  const std::size_t n = grid_.size();
   forward(x);
   terms_ = {};
-  for (auto* field : {&uBar_, &wBar_})
-    for (auto& component : *field) std::fill(component.begin(), component.end(), Real(0));
-
+  for (auto& component : uBar_) std::fill(component.begin(), component.end(), Real(0));
   terms_.velocity = velocityMisfit();
-  terms_.divergence = penaliseDivergence(u_, square(k.divergenceWeight / sw) / nodes, uBar_);
-  terms_.vorticityDivergence =
-      penaliseDivergence(w_, square(k.vorticityDivergenceWeight * r / sw) / nodes, wBar_);
-  terms_.curvature = penaliseCurvature();
   double accelerationTerm = 0;
-  if (hasRate()) {
-    if (hasPressure()) {
-      terms_.navierStokes = penaliseMomentum();
-      momentumTransposed();
-    } else {
-      for (auto& component : aBar_) std::fill(component.begin(), component.end(), Real(0));
-    }
-    if (hasAccelerationData()) {
-      accelerationTerm = accelerationMisfit();
-      terms_.acceleration = accelerationTerm / square(k.accelerationWeight);
-    }
-    dBar_ = aBar_;
-    terms_.accelerationDivergence =
-        penaliseDivergence(d_, square(k.accelerationDivergenceWeight * r / sa) / nodes, dBar_);
-    terms_.curvature += penaliseBoundaryCurvature(dBoundary_, sa, boundaryBar_);
-    solveCurlTransposed(dBar_, boundaryBar_);
-    applyFaces(&Face::d, boundaryBar_.data(), Real(sa), gradient.data() + 3 * (n + count));
-    addCurlTransposed(dBar_, Real(-1), q_, false); // q_ = dJ/dq from here on
-    const std::size_t source = 3 * (n + 2 * count);
-    terms_.curvature += freeInsideTransposed(x.data() + source, gradient.data() + source);
-    transportTransposed();
+  if (hasAccelerationData()) {
+    for (auto& component : aBar_) std::fill(component.begin(), component.end(), Real(0));
+    accelerationTerm = accelerationMisfit();
+    terms_.acceleration = accelerationTerm / square(c.accelerationWeight);
+    materialAccelerationTransposed();
+    terms_.curvature += penaliseBoundaryCurvature(pressureScale());
+    const std::size_t source = 3 * n + boundary_.size();
+    terms_.curvature += solvePressureTransposed(x.data() + source, gradient.data() + source);
+    applyFaces(&Face::smooth, boundaryBar_.data(), Real(pressureScale()), gradient.data() + 3 * n);
   }
-  terms_.curvature += penaliseBoundaryCurvature(uBoundary_, k.velocityScale, boundaryBar_);
-  solveCurlTransposed(uBar_, boundaryBar_);
-  applyFaces(&Face::u, boundaryBar_.data(), Real(k.velocityScale), gradient.data() + 3 * n);
-  addCurlTransposed(uBar_, Real(-1), wBar_, true);
-  if (smooth_) smooth_->solve(pointers(wBar_).data(), 3);
+  terms_.curvature += penaliseCurvature(x, gradient);
+  curlTransposed(uBar_, 1, w_); // dJ/dA
+  smooth_->toModes(pointers(w_).data(), 3);
+  const Real scale = Real(potentialScale());
   for (int i = 0; i < 3; ++i)
 #pragma omp parallel for simd
-    for (std::size_t e = 0; e < n; ++e) gradient[i * n + e] = Real(sw) * wBar_[i][e];
-  return terms_.velocity + accelerationTerm + terms_.divergence + terms_.vorticityDivergence +
-         terms_.accelerationDivergence + terms_.navierStokes + terms_.curvature;
+    for (std::size_t e = 0; e < n; ++e) gradient[i * n + e] += scale * w_[i][e];
+  return terms_.velocity + accelerationTerm + terms_.curvature;
 }
 
 template class VICSharpModel<float>;
