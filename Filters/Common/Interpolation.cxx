@@ -65,63 +65,88 @@ Sampler<Real>::Sampler(const Grid& grid, const double* positions, std::size_t co
                     point_.begin());
 }
 
-// f(constant) with the nodes along x as a constant: the inner loops become one vector instruction.
+// f(x, y, z) with the nodes per axis as constants: the inner loops become a few vector instructions.
 namespace {
 template <class F>
-void withConstant(int points, F&& f) {
-  if (points == 4) return f(std::integral_constant<int, 4>());
-  if (points == 2) return f(std::integral_constant<int, 2>());
-  f(std::integral_constant<int, 1>());
+void withConstants(const int (&points)[3], F&& f) {
+  const auto choose = [](int n, auto&& g) {
+    if (n == 4) return g(std::integral_constant<int, 4>());
+    if (n == 2) return g(std::integral_constant<int, 2>());
+    g(std::integral_constant<int, 1>());
+  };
+  choose(points[0], [&](auto x) {
+    choose(points[1], [&](auto y) { choose(points[2], [&](auto z) { f(x, y, z); }); });
+  });
 }
 } // namespace
 
 template <class Real>
-void Sampler<Real>::sample(const Real* field, Real* values) const {
+template <int Fields>
+void Sampler<Real>::sampleAll(const std::array<const Real*, Fields>& field,
+                              const std::array<Real*, Fields>& values) const {
   const std::ptrdiff_t sy = grid_.n[0], sz = std::ptrdiff_t(grid_.n[0]) * grid_.n[1];
-  const int ny = points_[1], nz = points_[2];
-  withConstant(points_[0], [&](auto alongX) {
-    constexpr int nx = decltype(alongX)::value;
+  withConstants(points_, [&](auto x, auto y, auto z) {
+    constexpr int nx = decltype(x)::value, ny = decltype(y)::value, nz = decltype(z)::value;
 #pragma omp parallel for schedule(static)
     for (std::size_t p = 0; p < point_.size(); ++p) {
       const Point& q = point_[p];
-      Real row[nx] = {};
+      Real row[Fields][nx] = {};
       for (int k = 0; k < nz; ++k)
         for (int j = 0; j < ny; ++j) {
-          const Real* f = field + q.node + j * sy + k * sz;
+          const std::size_t node = q.node + j * sy + k * sz;
           const Real w = q.weight[1][j] * q.weight[2][k];
-          for (int i = 0; i < nx; ++i) row[i] += w * f[i];
+          for (int c = 0; c < Fields; ++c)
+            for (int i = 0; i < nx; ++i) row[c][i] += w * field[c][node + i];
         }
-      Real sum = 0;
-      for (int i = 0; i < nx; ++i) sum += q.weight[0][i] * row[i];
-      values[q.given] = sum;
+      for (int c = 0; c < Fields; ++c) {
+        Real sum = 0;
+        for (int i = 0; i < nx; ++i) sum += q.weight[0][i] * row[c][i];
+        values[c][q.given] = sum;
+      }
     }
   });
 }
 
 template <class Real>
-void Sampler<Real>::addTransposed(const Real* values, Real* field) const {
+template <int Fields>
+void Sampler<Real>::addAllTransposed(const std::array<const Real*, Fields>& values,
+                                     const std::array<Real*, Fields>& field) const {
   const std::ptrdiff_t sy = grid_.n[0], sz = std::ptrdiff_t(grid_.n[0]) * grid_.n[1];
-  const int ny = points_[1], nz = points_[2], layers = grid_.n[2];
+  const int layers = grid_.n[2];
   // Points whose lowest node is in layer k write to the layers k to k + nz - 1. Every nz-th layer at once, so
   // that no two threads meet and every node sums in the same order.
-  withConstant(points_[0], [&](auto alongX) {
-    constexpr int nx = decltype(alongX)::value;
+  withConstants(points_, [&](auto x, auto y, auto z) {
+    constexpr int nx = decltype(x)::value, ny = decltype(y)::value, nz = decltype(z)::value;
     for (int phase = 0; phase < nz; ++phase) {
 #pragma omp parallel for schedule(static)
       for (int layer = phase; layer < layers; layer += nz)
         for (std::size_t p = layerStart_[layer]; p < layerStart_[layer + 1]; ++p) {
           const Point& q = point_[p];
-          Real row[nx];
-          for (int i = 0; i < nx; ++i) row[i] = values[q.given] * q.weight[0][i];
+          Real row[Fields][nx];
+          for (int c = 0; c < Fields; ++c)
+            for (int i = 0; i < nx; ++i) row[c][i] = values[c][q.given] * q.weight[0][i];
           for (int k = 0; k < nz; ++k)
             for (int j = 0; j < ny; ++j) {
-              Real* f = field + q.node + j * sy + k * sz;
+              const std::size_t node = q.node + j * sy + k * sz;
               const Real w = q.weight[1][j] * q.weight[2][k];
-              for (int i = 0; i < nx; ++i) f[i] += w * row[i];
+              for (int c = 0; c < Fields; ++c)
+                for (int i = 0; i < nx; ++i) field[c][node + i] += w * row[c][i];
             }
         }
     }
   });
+}
+
+template <class Real>
+void Sampler<Real>::sample(const VectorField& field, VectorField& values) const {
+  sampleAll<3>({field[0].data(), field[1].data(), field[2].data()},
+               {values[0].data(), values[1].data(), values[2].data()});
+}
+
+template <class Real>
+void Sampler<Real>::addTransposed(const VectorField& values, VectorField& field) const {
+  addAllTransposed<3>({values[0].data(), values[1].data(), values[2].data()},
+                      {field[0].data(), field[1].data(), field[2].data()});
 }
 
 template <class Real>
@@ -162,6 +187,10 @@ std::vector<Real> resample(const Grid& from, const Real* field, const Grid& to) 
 
 template class Sampler<float>;
 template class Sampler<double>;
+template void Sampler<float>::sampleAll<1>(const std::array<const float*, 1>&, const std::array<float*, 1>&) const;
+template void Sampler<double>::sampleAll<1>(const std::array<const double*, 1>&, const std::array<double*, 1>&) const;
+template void Sampler<float>::addAllTransposed<1>(const std::array<const float*, 1>&, const std::array<float*, 1>&) const;
+template void Sampler<double>::addAllTransposed<1>(const std::array<const double*, 1>&, const std::array<double*, 1>&) const;
 template std::vector<float> resample<float>(const Grid&, const float*, const Grid&);
 template std::vector<double> resample<double>(const Grid&, const double*, const Grid&);
 

@@ -1,6 +1,7 @@
 #pragma once
 #include "Grid.h"
 
+#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -18,11 +19,21 @@ public:
 
   std::size_t size() const { return point_.size(); }
   /// values[p] = (P field)_p, in the order in which the points were given.
-  void sample(const Real* field, Real* values) const;
+  void sample(const Real* field, Real* values) const { sampleAll<1>({field}, {values}); }
   /// field += P^T values
-  void addTransposed(const Real* values, Real* field) const;
+  void addTransposed(const Real* values, Real* field) const { addAllTransposed<1>({values}, {field}); }
+  /// The same for the three components of a vector field at once, which is faster than one by one.
+  using VectorField = std::array<std::vector<Real>, 3>;
+  void sample(const VectorField& field, VectorField& values) const;
+  void addTransposed(const VectorField& values, VectorField& field) const;
 
 private:
+  template <int Fields>
+  void sampleAll(const std::array<const Real*, Fields>& field, const std::array<Real*, Fields>& values) const;
+  template <int Fields>
+  void addAllTransposed(const std::array<const Real*, Fields>& values,
+                        const std::array<Real*, Fields>& field) const;
+
   struct Point {
     std::size_t node;    ///< lowest node used
     std::uint32_t given; ///< place in the order in which the points were given

@@ -17,7 +17,7 @@ namespace {
 using Model = VICSharpModel<float>;
 
 constexpr std::size_t MinimumParticles = 20;
-constexpr double CoarseTolerance = 0.3; // times that of the finest grid
+constexpr double CoarseTolerance = 10; // times that of the finest grid
 // In mean particle spacings. A random cloud leaves a given ball of this size empty with probability 2e-11.
 constexpr double VoidRadius = 1.8;
 constexpr double CalibrationNodes = 6e4; // about 7000 particles
@@ -203,6 +203,7 @@ public:
     constexpr std::size_t Window = 5;
     LBFGSOptions options;
     options.maximumIterations = maximum;
+    options.memory = 2;
     std::vector<double> values;
     const auto goOnWith = [&](const LBFGSState& s, const std::vector<float>&) {
       aborted_ = !goOn(progress, std::min(1., double(s.iteration) / maximum));

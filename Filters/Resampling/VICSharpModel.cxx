@@ -52,11 +52,11 @@ AxisBasis pressureBasis(const Grid& grid, int axis, int order) {
 // The modes of a line with free ends, the eigenvectors of the squared third difference; the values are -k^2.
 AxisBasis freeBasis(const Grid& grid, int axis) {
   const int n = grid.n[axis];
-  Eigen::MatrixXd difference = Eigen::MatrixXd::Zero(n - 3, n);
-  for (int i = 0; i + 3 < n; ++i) difference.block<1, 4>(i, i) << -1, 3, -3, 1;
+  Eigen::MatrixXd difference = Eigen::MatrixXd::Zero(n - 2, n);
+  for (int i = 0; i + 2 < n; ++i) difference.block<1, 3>(i, i) << 1, -2, 1;
   AxisBasis basis = reflectionBasis(difference.transpose() * difference);
   for (double& value : basis.values)
-    value = -std::cbrt(std::max(value, 0.)) / square(grid.spacing[axis]);
+    value = -std::sqrt(std::max(value, 0.)) / square(grid.spacing[axis]);
   return basis;
 }
 
@@ -176,7 +176,7 @@ void VICSharpModel<Real>::makePreconditioners() {
       const double nodes = double(grid_.size()) / double(face.grid.size()) * thickness;
       const auto pressure = [=](double eigenvalue) {
         const double k2 = std::max(-eigenvalue * r * r, least);
-        return nodes * (alpha2 * std::sqrt(k2) + 2 * bc2 * k2 * k2);
+        return 0.3 * nodes * (alpha2 * std::sqrt(k2) + 2 * bc2 * k2 * k2);
       };
       face.smooth = std::make_unique<BoxPoisson<Real>>(face.grid, cosines(face.grid),
                                                        [=](double l) { return 1 / std::sqrt(pressure(l)); });
@@ -406,22 +406,22 @@ double dataMisfit(const Sampler<Real>& sampler, const std::array<std::vector<Rea
                   std::vector<double>& squares, std::array<std::vector<Real>, 3>& bar) {
   const std::size_t count = sampler.size();
   squares.resize(count);
-  for (int i = 0; i < 3; ++i) {
-    residual[i].resize(count);
-    sampler.sample(field[i].data(), residual[i].data());
-    for (std::size_t p = 0; p < count; ++p) residual[i][p] -= data[i][p];
-  }
+  for (auto& component : residual) component.resize(count);
+  sampler.sample(field, residual);
   double sum = 0;
   for (std::size_t p = 0; p < count; ++p) {
     double square = 0;
-    for (int i = 0; i < 3; ++i) square += double(residual[i][p]) * double(residual[i][p]);
+    for (int i = 0; i < 3; ++i) {
+      residual[i][p] -= data[i][p];
+      square += double(residual[i][p]) * double(residual[i][p]);
+    }
     squares[p] = square;
     const Huber huber(square, threshold);
     const double w = particleWeight.empty() ? 1 : double(particleWeight[p]);
     sum += w * huber.value;
     for (int i = 0; i < 3; ++i) residual[i][p] *= Real(2 * weight * w * huber.slope);
   }
-  for (int i = 0; i < 3; ++i) sampler.addTransposed(residual[i].data(), bar[i].data());
+  sampler.addTransposed(residual, bar);
   return weight * sum;
 }
 
