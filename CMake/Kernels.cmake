@@ -21,7 +21,9 @@ add_library(rimflow_kernels STATIC
   Filters/Resampling/MedianTest.cxx
   Filters/Resampling/ResamplingGrid.cxx
   Filters/Resampling/VICSharp.cxx
+  Filters/Resampling/VICSharpCalibration.cxx
   Filters/Resampling/VICSharpModel.cxx
+  Filters/Resampling/VICSharpProblem.cxx
   Filters/Resampling/VoidDistance.cxx
   Filters/Locator/ImportanceSampling.cxx
   Filters/Locator/PublishedCost.cxx

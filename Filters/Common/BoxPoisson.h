@@ -51,8 +51,8 @@ public:
   void solve(Real* const* fields, int count) const;
   void solve(Real* field) const { solve(&field, 1); }
 
-  /// The two halves of solve: from the coefficients of the modes, of which there are as many as nodes, f = X Y Z
-  /// response(L) c, and the transpose, c = response(L) X^T Y^T Z^T f.
+  /// The two halves of solve: from the coefficients of the modes, of which there are as many as nodes, f = X
+  /// Y Z response(L) c, and the transpose, c = response(L) X^T Y^T Z^T f.
   void fromModes(Real* const* fields, int count) const;
   void toModes(Real* const* fields, int count) const;
   /// A function of the eigenvalue of each mode, where fromModes has its coefficient; 0 on other nodes.

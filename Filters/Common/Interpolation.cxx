@@ -74,9 +74,8 @@ void withConstants(const int (&points)[3], F&& f) {
     if (n == 2) return g(std::integral_constant<int, 2>());
     g(std::integral_constant<int, 1>());
   };
-  choose(points[0], [&](auto x) {
-    choose(points[1], [&](auto y) { choose(points[2], [&](auto z) { f(x, y, z); }); });
-  });
+  choose(points[0],
+         [&](auto x) { choose(points[1], [&](auto y) { choose(points[2], [&](auto z) { f(x, y, z); }); }); });
 }
 } // namespace
 
@@ -187,10 +186,14 @@ std::vector<Real> resample(const Grid& from, const Real* field, const Grid& to) 
 
 template class Sampler<float>;
 template class Sampler<double>;
-template void Sampler<float>::sampleAll<1>(const std::array<const float*, 1>&, const std::array<float*, 1>&) const;
-template void Sampler<double>::sampleAll<1>(const std::array<const double*, 1>&, const std::array<double*, 1>&) const;
-template void Sampler<float>::addAllTransposed<1>(const std::array<const float*, 1>&, const std::array<float*, 1>&) const;
-template void Sampler<double>::addAllTransposed<1>(const std::array<const double*, 1>&, const std::array<double*, 1>&) const;
+template void Sampler<float>::sampleAll<1>(const std::array<const float*, 1>&,
+                                           const std::array<float*, 1>&) const;
+template void Sampler<double>::sampleAll<1>(const std::array<const double*, 1>&,
+                                            const std::array<double*, 1>&) const;
+template void Sampler<float>::addAllTransposed<1>(const std::array<const float*, 1>&,
+                                                  const std::array<float*, 1>&) const;
+template void Sampler<double>::addAllTransposed<1>(const std::array<const double*, 1>&,
+                                                   const std::array<double*, 1>&) const;
 template std::vector<float> resample<float>(const Grid&, const float*, const Grid&);
 template std::vector<double> resample<double>(const Grid&, const double*, const Grid&);
 

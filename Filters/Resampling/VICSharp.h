@@ -5,7 +5,6 @@
 #include "VICSharpModel.h"
 
 #include <array>
-#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -27,11 +26,11 @@ struct VICSharpOptions {
   double velocityNoise = 0;     ///< standard deviation per component, m/s; 0: estimated
   double accelerationNoise = 0; ///< standard deviation per component, m/s2; 0: estimated
   int maximumIterations = 100;  ///< on the finest grid, >= 1
-  double tolerance = 0.002; ///< stop when an iteration gains less than this part of the noise variance, > 0
+  double tolerance = 0.001; ///< stop when an iteration gains less than this part of the noise variance, > 0
   double padding = 1;       ///< computed beyond the faces of the grid, in mean particle spacings, >= 0
-  double accelerationWeight = 0; ///< alpha, >= 0; 0: from the noise levels where both are given, else 0.3
-  double curvatureWeight = 0; ///< bc, >= 0; 0: found with particles held out
-  double heldOut = 0.05;      ///< part of the particles held out while bc is sought, 0 < and < 0.5
+  double accelerationWeight = 0; ///< alpha, >= 0; 0: from the noise levels
+  double curvatureWeight = 0;    ///< bc, >= 0; 0: found with particles held out
+  double heldOut = 0.05;         ///< part of the particles held out while bc is sought, 0 < and < 0.5
   double outliers = 5; ///< misses by more than so many standard deviations count linearly, >= 0; 0: never,
                        ///< and no particle is left out by the median test (MedianTest.h)
   std::optional<Body> body; ///< particles inside are dropped; nodes inside carry its motion
@@ -43,9 +42,6 @@ struct VICSharpCalibration {
   double velocityNoise = 0, accelerationNoise = 0;     ///< per component, given or estimated: m/s, m/s2
   double velocityHeldOut = 0, accelerationHeldOut = 0; ///< rms misfit of particles held out: m/s, m/s2
 };
-
-/// A solution on each of the grids, coarse to fine, to start another one from.
-using VICSharpSolution = std::vector<VICSharpModel<float>::State>;
 
 struct VICSharpResult {
   bool aborted = false; ///< then nothing else counts
@@ -61,7 +57,6 @@ struct VICSharpResult {
   std::size_t outliers = 0;   ///< left out, because they do not belong among their neighbours
   double particleSpacing = 0; ///< r, m
   std::string stop;           ///< why the iteration ended
-  std::shared_ptr<const VICSharpSolution> solution;
 };
 
 /// Finds bc, the weight of smoothness, and the noise levels where they are not given, on a part of the
@@ -73,17 +68,13 @@ std::optional<VICSharpCalibration> calibrateVICSharp(const VICSharpTracks& track
                                                      const VICSharpOptions& options,
                                                      const Progress& progress = {});
 
-/// The flow on a grid from particle tracks: the minimum of VICSharpModel's cost, coarse to fine, on grids of
-/// about the mean particle spacing r, r/2, ... down to the one asked for. start: the
-/// solution of another snapshot of the same experiment, or null. The coarsest grid then begins with it, and a
-/// finer grid with the coarser solution and what `start` has beyond its own coarser one, the fine details: so
-/// errors of the large scales, which converge slowly, do not pass from one snapshot to the next. Iterations
-/// go on until they gain less than `tolerance` of the noise variance. The result does not depend on the
-/// number of threads. calibration: that of another snapshot of the same experiment, or null for one of its
-/// own. Without accelerations, the acceleration is that of the vorticity equation with the boundary values
-/// that fit the Navier-Stokes equations best. Throws std::invalid_argument when there is too little to go on.
+/// The flow on a grid from particle tracks: the minimum of VICSharpModel's cost, on grids of about the mean
+/// particle spacing r, r/2, ... down to the one asked for; the first starts from rest. Iterations go on until
+/// they gain less than `tolerance` of the noise variance. The result depends on nothing but the arguments,
+/// not even on the number of threads. calibration: that of another snapshot of the same experiment, or null
+/// for one of its own. Without accelerations, the acceleration is that of the pressure for which the flow is
+/// as steady as it can be. Throws std::invalid_argument when there is too little to go on.
 VICSharpResult vicSharp(const VICSharpTracks& tracks, const VICSharpOptions& options,
-                        const VICSharpCalibration* calibration = nullptr,
-                        const VICSharpSolution* start = nullptr, const Progress& progress = {});
+                        const VICSharpCalibration* calibration = nullptr, const Progress& progress = {});
 
 } // namespace rimflow

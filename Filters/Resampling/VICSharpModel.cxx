@@ -36,8 +36,10 @@ double squares(const Real* a, int n) {
 
 double square(double v) { return v * v; }
 
-// Measured on a sphere at Re = 100, 14 spacings wide: 0.01 to 0.1 do equally well near and far from it.
-constexpr double WallSmoothness = 0.03;
+// Measured on a sphere at Re = 100, 14 spacings wide: near and far from it, 0.003 to 0.03 and 1.5 to 3 do
+// nearly as well.
+constexpr double WallSmoothness = 0.01; // bc^2 at a wall, over bc^2 far from it
+constexpr double WallReach = 2;         // of the wall on bc^2, in mean particle spacings
 constexpr double SourcePenalty = 1e-3;
 
 // The eigenvectors of the second difference with zeros at the ends. Its eigenvalues are those of the compact
@@ -55,8 +57,7 @@ AxisBasis freeBasis(const Grid& grid, int axis) {
   Eigen::MatrixXd difference = Eigen::MatrixXd::Zero(n - 2, n);
   for (int i = 0; i + 2 < n; ++i) difference.block<1, 3>(i, i) << 1, -2, 1;
   AxisBasis basis = reflectionBasis(difference.transpose() * difference);
-  for (double& value : basis.values)
-    value = -std::sqrt(std::max(value, 0.)) / square(grid.spacing[axis]);
+  for (double& value : basis.values) value = -std::sqrt(std::max(value, 0.)) / square(grid.spacing[axis]);
   return basis;
 }
 
@@ -83,9 +84,8 @@ VICSharpModel<Real>::VICSharpModel(const Grid& grid, const VICSharpData& data,
     areaOverVolume_ += 2 / ((grid.n[c] - 1) * grid.spacing[c]);
   }
   const std::size_t n = grid_.size();
-  allocate(potential_, n), allocate(u_, n), allocate(w_, n), allocate(uBar_, n);
-  scalar_.resize(n);
-  boundaryValues_.resize(boundary_.size());
+  allocate(potential_, n), allocate(u_, n), allocate(work_, n), allocate(uBar_, n);
+  boundaryPressure_.resize(boundary_.size());
   boundaryBar_.resize(boundary_.size());
   if (hasAccelerationData()) {
     allocate(a_, n), allocate(aBar_, n);
@@ -107,7 +107,8 @@ void VICSharpModel<Real>::findInside() {
       for (int i = 0; i < grid_.n[0]; ++i) {
         const auto x = grid_.position(i, j, k);
         const double distance = constants_.distance(x[0], x[1], x[2]),
-                     near = std::exp(-square(std::max(0., distance) / r)), share = 0.5 - distance / h;
+                     near = std::exp(-square(std::max(0., distance) / (WallReach * r))),
+                     share = 0.5 - distance / h;
         const std::size_t node = grid_.index(i, j, k);
         smoothness_[node] = Real(1 - (1 - WallSmoothness) * near);
         if (share <= 0 || !hasAccelerationData()) continue;
@@ -121,14 +122,14 @@ typename VICSharpModel<Real>::State VICSharpModel<Real>::state() const {
   State out{grid_, potential_, p_, {}, {mean_[0], mean_[1], mean_[2]}};
   if (inside_.empty()) return out;
   out.source.assign(grid_.size(), 0);
-  for (std::size_t e = 0; e < inside_.size(); ++e)
-    out.source[inside_[e]] = Real(sourceScale()) * source_[e];
+  for (std::size_t e = 0; e < inside_.size(); ++e) out.source[inside_[e]] = Real(sourceScale()) * source_[e];
   return out;
 }
 
 template <class Real>
 void VICSharpModel<Real>::setConstants(const VICSharpConstants& constants) {
-  const bool again = constants.curvatureWeight != constants_.curvatureWeight;
+  const bool again = constants.curvatureWeight != constants_.curvatureWeight ||
+                     constants.accelerationWeight != constants_.accelerationWeight;
   constants_ = constants;
   if (again) makePreconditioners();
 }
@@ -149,8 +150,8 @@ void VICSharpModel<Real>::makePreconditioners() {
     return std::max(-eigenvalue * r * r, least) * (1 + 2 * alpha2) + square(bending(eigenvalue));
   };
   const std::array<AxisBasis, 3> bases{freeBasis(grid_, 0), freeBasis(grid_, 1), freeBasis(grid_, 2)};
-  smooth_ = std::make_unique<BoxPoisson<Real>>(grid_, bases,
-                                               [=](double l) { return 1 / std::sqrt(potential(l)); });
+  smooth_ =
+      std::make_unique<BoxPoisson<Real>>(grid_, bases, [=](double l) { return 1 / std::sqrt(potential(l)); });
   unsmooth_ =
       std::make_unique<BoxPoisson<Real>>(grid_, bases, [=](double l) { return std::sqrt(potential(l)); });
   if (smoothness_.empty())
@@ -262,30 +263,30 @@ void VICSharpModel<Real>::makeFaceLaplacian() {
   }
 }
 
-// out (+)= scale curl f
+// out = curl f
 template <class Real>
-void VICSharpModel<Real>::curl(const VectorField& f, Real scale, VectorField& out) const {
+void VICSharpModel<Real>::curl(const VectorField& f, VectorField& out) const {
   forEachRow<Real>(grid_, 0, [&](int j, int k, RowBuffers<Real>&) {
     for (int i = 0; i < 3; ++i) {
       const int l = (i + 1) % 3, m = (i + 2) % 3;
       Real* row = out[i].data() + grid_.index(0, j, k);
       std::fill_n(row, grid_.n[0], Real(0));
-      stencils_.addDerivative(f[m].data(), l, j, k, scale, row);
-      stencils_.addDerivative(f[l].data(), m, j, k, -scale, row);
+      stencils_.addDerivative(f[m].data(), l, j, k, 1, row);
+      stencils_.addDerivative(f[l].data(), m, j, k, Real(-1), row);
     }
   });
 }
 
-// out (+)= scale curl^T bar
+// out = curl^T bar
 template <class Real>
-void VICSharpModel<Real>::curlTransposed(const VectorField& bar, Real scale, VectorField& out) const {
+void VICSharpModel<Real>::curlTransposed(const VectorField& bar, VectorField& out) const {
   forEachRow<Real>(grid_, 0, [&](int j, int k, RowBuffers<Real>&) {
     for (int i = 0; i < 3; ++i) {
       const int l = (i + 1) % 3, m = (i + 2) % 3;
       Real* row = out[i].data() + grid_.index(0, j, k);
       std::fill_n(row, grid_.n[0], Real(0));
-      stencils_.addDerivativeTransposed(bar[m].data(), l, j, k, -scale, row); // (curl)_m has -D_l of i
-      stencils_.addDerivativeTransposed(bar[l].data(), m, j, k, scale, row);  // (curl)_l has +D_m of i
+      stencils_.addDerivativeTransposed(bar[m].data(), l, j, k, Real(-1), row); // (curl)_m has -D_l of i
+      stencils_.addDerivativeTransposed(bar[l].data(), m, j, k, 1, row);        // (curl)_l has +D_m of i
     }
   });
 }
@@ -315,8 +316,8 @@ void VICSharpModel<Real>::solvePressure(const Real* source) {
   }
   source_.assign(source, source + inside_.size());
   for (std::size_t e = 0; e < boundary_.size(); ++e) {
-    p_[boundary_.node[e]] = boundaryValues_[e];
-    if (boundary_.inside[e] >= 0) p_[boundary_.inside[e]] -= Real(boundary_.weight[e]) * boundaryValues_[e];
+    p_[boundary_.node[e]] = boundaryPressure_[e];
+    if (boundary_.inside[e] >= 0) p_[boundary_.inside[e]] -= Real(boundary_.weight[e]) * boundaryPressure_[e];
   }
   poisson_.solve(p_.data());
 }
@@ -389,11 +390,52 @@ void VICSharpModel<Real>::forward(const Vector& x) {
 #pragma omp parallel for simd
     for (std::size_t e = 0; e < n; ++e) potential_[i][e] = scale * x[i * n + e];
   smooth_->fromModes(pointers(potential_).data(), 3);
-  curl(potential_, 1, u_);
+  curl(potential_, u_);
   if (!hasAccelerationData()) return;
-  applyFaces(&Face::smooth, x.data() + 3 * n, Real(pressureScale()), boundaryValues_.data());
+  applyFaces(&Face::smooth, x.data() + 3 * n, Real(pressureScale()), boundaryPressure_.data());
   solvePressure(x.data() + 3 * n + boundary_.size());
   materialAcceleration();
+}
+
+template <class Real>
+void VICSharpModel<Real>::accelerationOfSteadiestFlow() {
+  allocate(a_, grid_.size()), allocate(aBar_, grid_.size());
+  p_.assign(grid_.size(), 0);
+  const int n = grid_.n[0];
+  const Real nu = Real(constants_.viscosity);
+  VectorField& c = aBar_; // U_j Gu_ij - nu (L u)_i
+  forEachRow<Real>(grid_, 1, [&](int j, int k, RowBuffers<Real>& rows) {
+    const std::size_t first = grid_.index(0, j, k);
+    for (int i = 0; i < 3; ++i) {
+      Real *out = c[i].data() + first, *gradient = rows(0);
+      for (int l = 0; l < 3; ++l) {
+        const Real* u = u_[l].data() + first;
+        stencils_.derivative(u_[i].data(), l, j, k, gradient);
+        for (int e = 0; e < n; ++e) out[e] += (u[e] + mean_[l]) * gradient[e];
+      }
+      if (nu != 0) stencils_.addLaplacian(u_[i].data(), j, k, -nu, out);
+    }
+  });
+  forEachRow<Real>(grid_, 0, [&](int j, int k, RowBuffers<Real>&) {
+    for (int i = 0; i < 3; ++i)
+      stencils_.addDerivativeTransposed(c[i].data(), i, j, k, Real(-1), p_.data() + grid_.index(0, j, k));
+  });
+  // The normal equations: the sum of D_i^T D_i p = -the sum of D_i^T c_i
+  BoxPoisson<Real>(grid_, {normalBasis(0), normalBasis(1), normalBasis(2)}).solve(p_.data());
+  materialAcceleration();
+}
+
+// Eigenvectors of D^T D along an axis; only constants belong to eigenvalue 0
+template <class Real>
+AxisBasis VICSharpModel<Real>::normalBasis(int axis) const {
+  const int n = grid_.n[axis];
+  Eigen::MatrixXd d = Eigen::MatrixXd::Zero(n, n);
+  const auto& taps = stencils_.difference(axis);
+  for (int i = 0; i < n; ++i)
+    for (int t = 0; t < taps[i].count; ++t) d(i, taps[i].index[t]) = double(taps[i].weight[t]);
+  AxisBasis basis = reflectionBasis(d.transpose() * d);
+  basis.values[0] = 0;
+  return basis;
 }
 
 namespace {
@@ -452,12 +494,12 @@ double VICSharpModel<Real>::penaliseCurvature(const Vector& x, Vector& gradient)
   const Vector& weight = smoothness_.empty() ? prior_ : smoothness_;
   double sum = 0;
   if (bend_) {
-    for (int i = 0; i < 3; ++i) std::copy_n(x.begin() + i * n, n, w_[i].begin());
-    bend_->fromModes(pointers(w_).data(), 3);
+    for (int i = 0; i < 3; ++i) std::copy_n(x.begin() + i * n, n, work_[i].begin());
+    bend_->fromModes(pointers(work_).data(), 3);
   }
   for (int i = 0; i < 3; ++i) {
-    const Real* f = bend_ ? w_[i].data() : x.data() + i * n;
-    Real* out = bend_ ? w_[i].data() : gradient.data() + i * n;
+    const Real* f = bend_ ? work_[i].data() : x.data() + i * n;
+    Real* out = bend_ ? work_[i].data() : gradient.data() + i * n;
 #pragma omp parallel for simd reduction(+ : sum)
     for (std::size_t e = 0; e < n; ++e) {
       const Real weighted = weight[e] * f[e];
@@ -466,21 +508,21 @@ double VICSharpModel<Real>::penaliseCurvature(const Vector& x, Vector& gradient)
     }
   }
   if (bend_) {
-    bend_->toModes(pointers(w_).data(), 3);
-    for (int i = 0; i < 3; ++i) std::copy_n(w_[i].begin(), n, gradient.begin() + i * n);
+    bend_->toModes(pointers(work_).data(), 3);
+    for (int i = 0; i < 3; ++i) std::copy_n(work_[i].begin(), n, gradient.begin() + i * n);
   }
   return sum / double(n);
 }
 
-// bc^2 2 r^5 A/V <|Lt f|^2>/scale^2 on the faces, f = boundaryValues_; boundaryBar_ = its adjoint
+// bc^2 2 r^5 A/V <|Lt p|^2>/(sa r)^2 on the faces; boundaryBar_ = its adjoint
 template <class Real>
-double VICSharpModel<Real>::penaliseBoundaryCurvature(double scale) {
+double VICSharpModel<Real>::penaliseBoundaryCurvature() {
   std::fill(boundaryBar_.begin(), boundaryBar_.end(), Real(0));
   if (faceLaplacian_.empty()) return 0;
-  const double weight = 2 * square(constants_.curvatureWeight / scale) *
+  const double weight = 2 * square(constants_.curvatureWeight / pressureScale()) *
                         std::pow(constants_.particleSpacing, 5) * areaOverVolume_ /
                         double(faceLaplacian_.size());
-  const Real* v = boundaryValues_.data();
+  const Real* v = boundaryPressure_.data();
   Real* g = boundaryBar_.data();
   double sum = 0;
   for (const FaceLaplacian& s : faceLaplacian_) {
@@ -497,31 +539,27 @@ double VICSharpModel<Real>::penaliseBoundaryCurvature(double scale) {
 
 template <class Real>
 double VICSharpModel<Real>::cost(const Vector& x, Vector& gradient) {
-  const VICSharpConstants& c = constants_;
   const std::size_t n = grid_.size();
   forward(x);
-  terms_ = {};
   for (auto& component : uBar_) std::fill(component.begin(), component.end(), Real(0));
-  terms_.velocity = velocityMisfit();
-  double accelerationTerm = 0;
+  double sum = velocityMisfit();
   if (hasAccelerationData()) {
     for (auto& component : aBar_) std::fill(component.begin(), component.end(), Real(0));
-    accelerationTerm = accelerationMisfit();
-    terms_.acceleration = accelerationTerm / square(c.accelerationWeight);
+    sum += accelerationMisfit();
     materialAccelerationTransposed();
-    terms_.curvature += penaliseBoundaryCurvature(pressureScale());
+    sum += penaliseBoundaryCurvature();
     const std::size_t source = 3 * n + boundary_.size();
-    terms_.curvature += solvePressureTransposed(x.data() + source, gradient.data() + source);
+    sum += solvePressureTransposed(x.data() + source, gradient.data() + source);
     applyFaces(&Face::smooth, boundaryBar_.data(), Real(pressureScale()), gradient.data() + 3 * n);
   }
-  terms_.curvature += penaliseCurvature(x, gradient);
-  curlTransposed(uBar_, 1, w_); // dJ/dA
-  smooth_->toModes(pointers(w_).data(), 3);
+  sum += penaliseCurvature(x, gradient);
+  curlTransposed(uBar_, work_); // dJ/dA
+  smooth_->toModes(pointers(work_).data(), 3);
   const Real scale = Real(potentialScale());
   for (int i = 0; i < 3; ++i)
 #pragma omp parallel for simd
-    for (std::size_t e = 0; e < n; ++e) gradient[i * n + e] += scale * w_[i][e];
-  return terms_.velocity + accelerationTerm + terms_.curvature;
+    for (std::size_t e = 0; e < n; ++e) gradient[i * n + e] += scale * work_[i][e];
+  return sum;
 }
 
 template class VICSharpModel<float>;

@@ -35,7 +35,6 @@ struct VICSharpConstants {
   int order = 4;                   ///< of the central differences and of sampling, 2 or 4
   /// Signed distance of x, y, z from the nearest wall or void, m, < 0 inside; empty: there is none.
   std::function<double(double, double, double)> distance;
-  double vorticityScale() const { return 0.5 * velocityScale / particleSpacing; } ///< sw
 };
 
 /// Huber's function of a squared misfit m^2: m^2 up to the threshold h, 2 h |m| - h^2 beyond (always m^2 if h
@@ -50,23 +49,34 @@ struct Huber {
   }
 };
 
-/// The flow of one snapshot as a function of the unknowns {c, b, s}: the vector potential, the pressure on
-/// the boundary, and the pressure's sources inside walls and voids, scaled:
-///     A = su r F c                                       vector potential
-///     u = curl A                                         velocity less its mean; Gu_ij = D_j u_i
-///     M p = -Gu_ij Gu_ji + nu-free,   p = sa r Fb b on the boundary
-///     a_i = -D_i p + nu (L u)_i                          = Du/Dt
+/// VIC# (Jeon, Mueller & Michaelis 2022) with its penalties taken to their limits. There, the vorticity, the
+/// velocity and its time derivative on the boundary and the pressure are unknown, and the vorticity equation
+/// and penalties on div u, div w, div du/dt and the Navier-Stokes residual tie them together. Here, the same
+/// equations hold exactly: the velocity is the curl of a vector potential, so it and the vorticity have no
+/// sources; the acceleration is that of the pressure, whose Poisson equation says that du/dt has none; and
+/// the curl of that acceleration is the vorticity equation. Unknown are {c, b, s}: the potential's modes, the
+/// pressure on the boundary, and its sources inside walls and voids, scaled:
+///     A = su r Z F c                                vector potential
+///     u = curl A                                    velocity less its mean;  Gu_ij = D_j u_i
+///     M p = -Gu_ij Gu_ji,   p = sa r Fb b on the boundary
+///     a_i = -D_i p + nu (L u)_i                     = Du/Dt
 ///     J = |P u - u_p|^2/(Np su^2) + alpha^2 |P a - a_p|^2/(Np sa^2)
-///       + bc^2 (r^4 <|L w|^2>/sw^2 + 2 r^5 A/V <|Lt u|^2/su^2 + |Lt p|^2/(sa r)^2> on the faces)
+///       + bc^2 (4 r^6 <|L L A|^2>/su^2 + 2 r^5 A/V <|Lt p|^2/(sa r)^2> on the faces)
+/// where |.|^2 of the data becomes Huber's function for particles that miss by more than hu or ha. The
+/// penalty on curvature is that of the vorticity's Laplacian, r^4 <|L w|^2>/sw^2 with sw = su/(2 r), since
+/// w = -L A up to a gradient. Neither the mean velocity nor a steady motion of the frame enters.
+/// Z are modes of a box with free faces, and F, Fb make the Hessian of J roughly the identity; they change
+/// the path to the minimum, not the minimum. M is the compact Laplacian of fourth order, Lt the Laplacian
+/// within a face, A and V are the area and the volume of the box. Inside a wall or a void (distance < 0) the
+/// fields are smooth extensions of those outside, and the equation of the pressure does not hold there: M p =
+/// (1 - s) (...) + s f, where f is unknown too (a weak penalty on f keeps it finite), and s rises from 0 at
+/// half a spacing outside to 1. Next to a wall the flow changes more quickly than elsewhere: bc^2 falls to a
+/// hundredth at the wall. The gradient is the exact discrete adjoint of these lines.
 template <class Real>
 class VICSharpModel {
 public:
   using Vector = std::vector<Real>;
   using VectorField = std::array<std::vector<Real>, 3>;
-  /// The parts of J without alpha^2.
-  struct Terms {
-    double velocity = 0, acceleration = 0, curvature = 0;
-  };
   /// A solution in physical units on its grid, to start another one from.
   struct State {
     Grid grid;
@@ -95,8 +105,10 @@ public:
   double cost(const Vector& x, Vector& gradient);
   /// The fields alone.
   void forward(const Vector& x);
+  /// Without acceleration data the pressure is known up to a harmonic function. This takes the one for which
+  /// <|du/dt|^2> = <|grad p + U . grad u - nu L u|^2> is least, and sets the acceleration that belongs to it.
+  void accelerationOfSteadiestFlow();
 
-  const Terms& terms() const { return terms_; }
   const VectorField& velocity() const { return u_; } ///< less the mean
   const VectorField& acceleration() const { return a_; }
   const Vector& pressure() const { return p_; } ///< over density
@@ -129,8 +141,9 @@ private:
   void makeFaceLaplacian();
   void applyFaces(const std::unique_ptr<BoxPoisson<Real>> Face::*map, const Real* from, Real scale,
                   Real* to) const;
-  void curl(const VectorField& f, Real scale, VectorField& out) const;
-  void curlTransposed(const VectorField& bar, Real scale, VectorField& out) const;
+  AxisBasis normalBasis(int axis) const;
+  void curl(const VectorField& f, VectorField& out) const;
+  void curlTransposed(const VectorField& bar, VectorField& out) const;
   void solvePressure(const Real* source);
   double solvePressureTransposed(const Real* source, Real* sourceBar);
   void materialAcceleration();
@@ -138,7 +151,7 @@ private:
   double velocityMisfit();
   double accelerationMisfit();
   double penaliseCurvature(const Vector& x, Vector& gradient);
-  double penaliseBoundaryCurvature(double scale);
+  double penaliseBoundaryCurvature();
 
   Grid grid_;
   VICSharpConstants constants_;
@@ -158,12 +171,11 @@ private:
   std::array<Real, 3> mean_;
   std::array<Vector, 3> velocityData_, accelerationData_;
   Vector velocityWeight_, accelerationWeight_;
-  Terms terms_;
-  VectorField potential_, u_, a_, w_;       // w_ holds adjoints, too
-  std::array<Vector, 9> gradient_;          // D_j u_i at 3 i + j; then their adjoints
-  Vector p_, source_;                       // source_: the unknown f of each node inside
-  VectorField uBar_, aBar_;                 // adjoints: dJ/du and so on
-  Vector pBar_, boundaryValues_, boundaryBar_, scalar_;
+  VectorField potential_, u_, a_, work_;
+  std::array<Vector, 9> gradient_; // D_j u_i at 3 i + j; then their adjoints
+  Vector p_, source_;              // source_: the unknown f of each node inside
+  VectorField uBar_, aBar_;        // adjoints: dJ/du and so on
+  Vector pBar_, boundaryPressure_, boundaryBar_;
   VectorField sampled_;
   std::vector<double> velocityMisfits_, accelerationMisfits_;
 };

@@ -124,7 +124,6 @@ struct vtkVICSharpResample::Internals {
   std::string settings;      // that all this belongs to; empty: not yet
   vtkMTimeType upstream = 0; // of everything that the particles come from
   std::optional<rimflow::VICSharpCalibration> calibration;
-  std::shared_ptr<const rimflow::VICSharpSolution> lastSolution;
 };
 
 vtkVICSharpResample::vtkVICSharpResample() : State(new Internals) {
@@ -234,18 +233,17 @@ int vtkVICSharpResample::RequestData(vtkInformation*, vtkInformationVector** inp
     options.accelerationNoise =
         this->AccelerationNoise > 0 ? this->AccelerationNoise : fieldNumber(particles, "AccelerationNoise");
     options.maximumIterations = this->MaximumIterations;
-    if (!state.calibration) {
+    if (this->WarmStart && !state.calibration) {
       const bool usable = state.sample.velocities != nullptr;
       state.calibration = rimflow::calibrateVICSharp((usable ? state.sample : tracks).view(), options,
                                                      this->ProgressBetween(0, 0.3));
       if (!state.calibration) return 1; // aborted: the output stays empty
     }
     if (bodyData) options.body = rimflow::bodyOf(bodyData);
-    const rimflow::VICSharpResult result = rimflow::vicSharp(
-        tracks.view(), options, &*state.calibration, this->WarmStart ? state.lastSolution.get() : nullptr,
-        this->ProgressBetween(0.3, 1));
+    const rimflow::VICSharpResult result =
+        rimflow::vicSharp(tracks.view(), options, this->WarmStart ? &*state.calibration : nullptr,
+                          this->ProgressBetween(this->WarmStart ? 0.3 : 0, 1));
     if (result.aborted) return 1;
-    state.lastSolution = result.solution;
     fill(output, result);
   } catch (const std::invalid_argument& error) {
     output->Initialize();

@@ -77,8 +77,9 @@ public:
   ///@}
 
   ///@{
-  /// Start from the last snapshot's fine details. Default on: about twice as fast. The result differs by
-  /// about a tenth of the noise from that of a snapshot by itself (off).
+  /// Start with the noise levels and the smoothness that the snapshot in the middle of the series was found
+  /// to have. Default on. Off: every snapshot finds its own, which takes longer. Either way the result does
+  /// not depend on the snapshots that were looked at before.
   vtkSetMacro(WarmStart, bool);
   vtkGetMacro(WarmStart, bool);
   vtkBooleanMacro(WarmStart, bool);

@@ -70,21 +70,19 @@ TEST(VtkVICSharpResample, SaysHowWellItFits) {
   EXPECT_NEAR(p.number("AccelerationNoise"), AccelerationNoise, 0.3 * AccelerationNoise);
   EXPECT_GT(p.number("MisfitVelocity"), 0.6);
   EXPECT_LT(p.number("MisfitVelocity"), 1.2);
-  EXPECT_LT(p.number("DivergenceNorm"), 0.02);
+  EXPECT_LT(p.number("DivergenceNorm"), 1e-4);
   EXPECT_GT(p.number("Iterations"), 0);
 }
 
-TEST(VtkVICSharpResample, ASeriesDoesNotDrift) {
-  Pipeline series, alone;
+TEST(VtkVICSharpResample, ASnapshotDoesNotDependOnThoseBefore) {
+  Pipeline series, alone, cold;
   std::vector<float> last;
-  for (int step = 0; step < 5; ++step) last = series.velocity(step);
-  const double weight = series.number("CurvatureWeight");
-  EXPECT_LT(rmsDifference(last, alone.velocity(4)), 0.3 * VelocityNoise);
-  EXPECT_EQ(alone.number("CurvatureWeight"), weight); // found from the snapshot in the middle either way
-  Pipeline cold;
+  for (int step : {0, 3, 4}) last = series.velocity(step);
+  EXPECT_EQ(rmsDifference(last, alone.velocity(4)), 0);
+  EXPECT_EQ(alone.number("CurvatureWeight"), series.number("CurvatureWeight"));
   cold.resample->SetWarmStart(false);
-  cold.velocity(0);
-  EXPECT_EQ(rmsDifference(cold.velocity(4), alone.velocity(4)), 0);
+  EXPECT_LT(rmsDifference(cold.velocity(4), last), 0.5 * VelocityNoise);
+  EXPECT_NE(cold.number("CurvatureWeight"), alone.number("CurvatureWeight")); // its own
 }
 
 TEST(VtkVICSharpResample, TakesTheNoiseThatTheParticlesBring) {

@@ -91,13 +91,13 @@ Errors errors(const Scene& s, const VICSharpResult& r, int margin) {
   return {std::sqrt(eu / fu), std::sqrt(ea / fa), std::sqrt(ew / fu) / s.flow.k};
 }
 
-VICSharpResult run(const Scene& s, bool accelerations = true, const VICSharpResult* before = nullptr) {
+VICSharpResult run(const Scene& s, bool accelerations = true) {
   VICSharpOptions o;
   o.grid = s.grid;
   o.viscosity = 0;
   VICSharpTracks t = s.tracks();
   if (!accelerations) t.accelerations = nullptr;
-  return vicSharp(t, o, before ? &before->calibration : nullptr, before ? before->solution.get() : nullptr);
+  return vicSharp(t, o);
 }
 
 } // namespace
@@ -132,19 +132,24 @@ TEST(VICSharp, DoesNotFollowTheNoise) {
   EXPECT_LT(best, 0.04);                // below the noise of one particle
   EXPECT_GT(known.velocityMisfit, 0.6); // sqrt(1 - degrees of freedom/data)
   EXPECT_LT(known.velocityMisfit, 1.02);
-  EXPECT_LT(unknown.divergenceNorm, 0.05);
+  EXPECT_LT(unknown.divergenceNorm, 1e-4);
 }
 
-TEST(VICSharp, AWarmStartEndsAtTheSameField) {
-  const Scene s = scene(25, 2.5, 20, 4, 0.03, 0.1);
-  const VICSharpResult cold = run(s), warm = run(s, true, &cold);
-  double difference = 0, size = 0;
-  for (std::size_t p = 0; p < cold.velocity.size(); ++p) {
-    difference += std::pow(cold.velocity[p] - warm.velocity[p], 2);
-    size += std::pow(cold.velocity[p], 2);
+TEST(VICSharp, ThePressureIsThatOfTheFlow) {
+  const Scene s = scene(33, 2.5, 24, 4);
+  const VICSharpResult r = run(s);
+  double error = 0, size = 0, mean = 0;
+  std::vector<double> exact; // Bernoulli's, as the flow is steady and its vorticity parallel to it
+  for (std::size_t p = 0; p < s.grid.size(); ++p) {
+    const Vec u = s.flow.velocity(s.grid.position(int(p % 33), int(p / 33 % 33), int(p / 33 / 33)));
+    exact.push_back(-0.5 * (u[0] * u[0] + u[1] * u[1] + u[2] * u[2]));
+    mean += exact.back() / double(s.grid.size());
   }
-  EXPECT_LT(std::sqrt(difference / size), 0.02);
-  EXPECT_LT(warm.iterations, cold.iterations);
+  for (std::size_t p = 0; p < s.grid.size(); ++p) {
+    error += std::pow(r.pressure[p] - (exact[p] - mean), 2);
+    size += std::pow(exact[p] - mean, 2);
+  }
+  EXPECT_LT(std::sqrt(error / size), 0.01);
 }
 
 TEST(VICSharp, GhostsAreLeftOut) {
@@ -229,7 +234,7 @@ TEST(VICSharp, TheWallIsSeenWithTheBody) {
     }
   }
   EXPECT_LT(std::sqrt(near[1]), 0.7 * std::sqrt(near[0]));
-  EXPECT_LT(std::sqrt(far[1]), 1.05 * std::sqrt(far[0]));
+  EXPECT_LT(std::sqrt(far[1]), 1.1 * std::sqrt(far[0]));
 }
 
 TEST(VICSharp, SaysWhatItCannotUse) {
@@ -251,7 +256,7 @@ TEST(VICSharp, SaysWhatItCannotUse) {
   EXPECT_LE(r.outliers, 1u); // of the two at one place
   for (float v : r.velocity) ASSERT_TRUE(std::isfinite(v));
   for (float v : r.acceleration) ASSERT_TRUE(std::isfinite(v));
-  EXPECT_TRUE(vicSharp(s.tracks(), o, nullptr, nullptr, [](double) { return false; }).aborted);
+  EXPECT_TRUE(vicSharp(s.tracks(), o, nullptr, [](double) { return false; }).aborted);
 }
 
 TEST(ResamplingGrid, HalfTheParticleSpacingOverTheParticlesBox) {

@@ -1,0 +1,37 @@
+#pragma once
+#include "VICSharp.h"
+
+#include <cstddef>
+
+namespace rimflow {
+
+/// The data, the grid and the constants of one reconstruction.
+struct VICSharpProblem {
+  double spacing;        ///< r
+  std::size_t particles; ///< used
+  int margin;            ///< nodes that the model's grid has beyond the output's
+  Grid grid;
+  VICSharpData data;
+  std::size_t outliers; ///< left out of the data
+  VICSharpConstants constants;
+};
+
+/// Throws std::invalid_argument when there is too little to go on or an option is out of its range.
+VICSharpProblem vicSharpProblem(const VICSharpTracks& tracks, const VICSharpOptions& options);
+
+/// alpha from these noise levels, unless the options give it or a level is not known (0): each kind of data
+/// then counts by its own noise.
+void weighByNoise(const VICSharpOptions& options, double velocityNoise, double accelerationNoise,
+                  VICSharpConstants& constants);
+
+/// A grid over the same box (or a little more) with spacings `factor` times larger.
+Grid coarseGrid(const Grid& fine, double factor);
+
+/// calibrateVICSharp of a problem that is already laid out.
+std::optional<VICSharpCalibration>
+calibrateVICSharp(const VICSharpProblem& problem, const VICSharpOptions& options, const Progress& progress);
+
+/// Whether a point lies on the grid or within it.
+bool within(const Grid& grid, const double* x);
+
+} // namespace rimflow

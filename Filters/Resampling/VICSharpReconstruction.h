@@ -1,0 +1,87 @@
+#pragma once
+#include "LBFGS.h"
+#include "VICSharp.h"
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <vector>
+
+namespace rimflow {
+
+/// Progress of one part of the work.
+inline Progress part(const Progress& progress, double from, double to) {
+  return [&progress, from, to](double f) { return goOn(progress, from + (to - from) * f); };
+}
+
+/// Minimises the cost on one grid after the other. In float: half the memory and time of double, and far
+/// below the noise of any measurement.
+class VICSharpReconstruction {
+public:
+  using Model = VICSharpModel<float>;
+
+  VICSharpReconstruction(const VICSharpData& data, const VICSharpConstants& constants,
+                         const VICSharpOptions& options)
+      : data_(data), constants_(constants), options_(options) {}
+
+  bool aborted() const { return aborted_; }
+  Model& model() { return *model_; }
+  const Model& model() const { return *model_; }
+
+  /// To another grid, from a solution on any grid or from zero.
+  void moveTo(const Grid& grid, const Model::State* start) {
+    model_ = std::make_unique<Model>(grid, data_, constants_);
+    x_ = start ? model_->unknowns(*start) : std::vector<float>(model_->size(), 0.f);
+  }
+  void restart(double curvatureWeight, const Model::State& start) {
+    constants_.curvatureWeight = curvatureWeight;
+    model_->setConstants(constants_);
+    x_ = model_->unknowns(start);
+  }
+
+  /// From the next start on.
+  void weighAccelerations(double alpha) { constants_.accelerationWeight = alpha; }
+
+  /// An iteration must gain the part `tolerance` of the variance of this noise.
+  void useNoise(double velocity, double acceleration, double tolerance) {
+    gain_ = 3 * std::pow(velocity / constants_.velocityScale, 2);
+    if (!data_.acceleration.empty())
+      gain_ += 3 * std::pow(constants_.accelerationWeight * acceleration / constants_.accelerationScale, 2);
+    gain_ *= tolerance;
+  }
+  /// Particles that miss by more than so many times this noise count linearly. From a poor start that would
+  /// be most of them, and the large scales would come slowly: so only once there is a solution.
+  void suppressOutliers(double velocityNoise, double accelerationNoise) {
+    constants_.velocityOutlier = options_.outliers * velocityNoise;
+    constants_.accelerationOutlier = options_.outliers * accelerationNoise;
+    if (model_) model_->setConstants(constants_);
+  }
+
+  /// Up to `maximum` iterations, fewer once an iteration gains less than the tolerance allows (mean of five).
+  LBFGSResult minimise(int maximum, const Progress& progress) {
+    constexpr std::size_t Window = 5;
+    LBFGSOptions options;
+    options.maximumIterations = maximum;
+    options.memory = 2;
+    std::vector<double> values;
+    const auto goOnWith = [&](const LBFGSState& s, const std::vector<float>&) {
+      aborted_ = !goOn(progress, std::min(1., double(s.iteration) / maximum));
+      values.push_back(s.value);
+      const std::size_t n = values.size();
+      return !aborted_ && (n <= Window || values[n - 1 - Window] - values[n - 1] > Window * gain_);
+    };
+    return LBFGS<float>(options).minimise(
+        [&](const std::vector<float>& x, std::vector<float>& g) { return model_->cost(x, g); }, x_, goOnWith);
+  }
+
+private:
+  const VICSharpData& data_;
+  VICSharpConstants constants_;
+  const VICSharpOptions& options_;
+  std::unique_ptr<Model> model_;
+  std::vector<float> x_;
+  double gain_ = 0; ///< of J, that an iteration must bring
+  bool aborted_ = false;
+};
+
+} // namespace rimflow
