@@ -25,28 +25,30 @@ void writeFields(const Model& model, const VICSharpProblem& p, VICSharpResult& r
   for (auto* field : {&result.velocity, &result.vorticity, &result.acceleration})
     field->resize(3 * to.size());
   result.pressure.resize(to.size());
+  Grid rows = to; // of the output, with room for a line of the model's grid
+  rows.n[0] = p.grid.n[0];
   double meanPressure = 0;
-  const auto sums = sumOverRows<float, 2>(to, 0, [&](int j, int k, RowBuffers<float>&) {
-    RowBuffers<float> g(p.grid.n[0], 9); // d u_i / d x_j at 3 i + j
-    for (int i = 0; i < 3; ++i)
-      for (int l = 0; l < 3; ++l)
-        stencils.derivative(model.velocity()[i].data(), l, j + m, k + m, g(3 * i + l));
-    double divergence = 0, gradient = 0;
-    for (int i = 0; i < to.n[0]; ++i) {
-      const std::size_t node = p.grid.index(i + m, j + m, k + m), out = to.index(i, j, k);
-      const int e = i + m;
-      for (int c = 0; c < 3; ++c) {
-        const int l = (c + 1) % 3, n = (c + 2) % 3;
-        result.velocity[3 * out + c] = float(double(model.velocity()[c][node]) + p.data.meanVelocity[c]);
-        result.vorticity[3 * out + c] = g(3 * n + l)[e] - g(3 * l + n)[e];
-        result.acceleration[3 * out + c] = model.acceleration()[c][node];
-      }
-      result.pressure[out] = model.pressure()[node];
-      divergence += square(double(g(0)[e]) + double(g(4)[e]) + double(g(8)[e]));
-      for (int c = 0; c < 9; ++c) gradient += square(double(g(c)[e]));
-    }
-    return std::array<double, 2>{divergence, gradient};
-  });
+  const auto sums =
+      sumOverRows<float, 2>(rows, 9, [&](int j, int k, RowBuffers<float>& g) { // d u_i / d x_j at 3 i + j
+        for (int i = 0; i < 3; ++i)
+          for (int l = 0; l < 3; ++l)
+            stencils.derivative(model.velocity()[i].data(), l, j + m, k + m, g(3 * i + l));
+        double divergence = 0, gradient = 0;
+        for (int i = 0; i < to.n[0]; ++i) {
+          const std::size_t node = p.grid.index(i + m, j + m, k + m), out = to.index(i, j, k);
+          const int e = i + m;
+          for (int c = 0; c < 3; ++c) {
+            const int l = (c + 1) % 3, n = (c + 2) % 3;
+            result.velocity[3 * out + c] = float(double(model.velocity()[c][node]) + p.data.meanVelocity[c]);
+            result.vorticity[3 * out + c] = g(3 * n + l)[e] - g(3 * l + n)[e];
+            result.acceleration[3 * out + c] = model.acceleration()[c][node];
+          }
+          result.pressure[out] = model.pressure()[node];
+          divergence += square(double(g(0)[e]) + double(g(4)[e]) + double(g(8)[e]));
+          for (int c = 0; c < 9; ++c) gradient += square(double(g(c)[e]));
+        }
+        return std::array<double, 2>{divergence, gradient};
+      });
   result.divergenceNorm = sums[1] > 0 ? std::sqrt(sums[0] / sums[1]) : 0;
   for (float value : result.pressure) meanPressure += double(value) / double(to.size());
   for (float& value : result.pressure) value -= float(meanPressure);
@@ -109,12 +111,15 @@ VICSharpResult vicSharp(const VICSharpTracks& tracks, const VICSharpOptions& opt
   VICSharpProblem p = vicSharpProblem(tracks, options);
   VICSharpResult result;
   result.grid = options.grid;
-  result.particlesUsed = p.particles;
+  result.particlesUsed = p.data.particles();
   result.outliers = p.outliers;
   result.particleSpacing = p.spacing;
-  const auto found = calibration ? *calibration : calibrateVICSharp(p, options, part(progress, 0, 0.3));
+  auto found =
+      calibration ? std::optional(*calibration) : calibrateVICSharp(p, options, part(progress, 0, 0.3));
   result.aborted = !found;
   if (result.aborted) return result;
+  if (options.velocityNoise > 0) found->velocityNoise = options.velocityNoise;
+  if (options.accelerationNoise > 0) found->accelerationNoise = options.accelerationNoise;
   result.calibration = *found;
   p.constants.curvatureWeight = found->curvatureWeight;
   weighByNoise(options, found->velocityNoise, found->accelerationNoise, p.constants);
@@ -125,20 +130,26 @@ VICSharpResult vicSharp(const VICSharpTracks& tracks, const VICSharpOptions& opt
   VICSharpReconstruction reconstruction(p.data, p.constants, options);
   std::optional<Model::State> coarser;
   LBFGSResult outcome;
-  for (double factor : factors) {
-    const bool finest = factor == 1;
+  for (std::size_t level = 0; level < factors.size(); ++level) {
+    const bool finest = level + 1 == factors.size();
+    const double from = 0.3 + 0.1 * double(level) / double(factors.size());
     if (coarser) reconstruction.suppressOutliers(found->velocityNoise, found->accelerationNoise);
     reconstruction.useNoise(found->velocityNoise, found->accelerationNoise,
                             options.tolerance * (finest ? 1 : CoarseTolerance));
-    reconstruction.moveTo(finest ? p.grid : coarseGrid(p.grid, factor), coarser ? &*coarser : nullptr);
-    outcome = finest ? reconstruction.minimise(options.maximumIterations, part(progress, 0.4, 1))
-                     : reconstruction.minimise(1000, part(progress, 0.3, 0.4));
+    reconstruction.moveTo(finest ? p.grid : coarseGrid(p.grid, factors[level]),
+                          coarser ? &*coarser : nullptr);
+    outcome = finest
+                  ? reconstruction.minimise(options.maximumIterations, part(progress, 0.4, 1))
+                  : reconstruction.minimise(1000, part(progress, from, from + 0.1 / double(factors.size())));
     result.aborted = reconstruction.aborted();
     if (result.aborted) return result;
     if (!finest) coarser = reconstruction.model().state();
   }
 
-  if (!reconstruction.model().hasAccelerationData()) reconstruction.model().accelerationOfSteadiestFlow();
+  if (!reconstruction.model().hasAccelerationData()) {
+    const Eigen::Vector3d frame = options.body ? options.body->velocity : Eigen::Vector3d::Zero();
+    reconstruction.model().accelerationOfSteadiestFlow({frame[0], frame[1], frame[2]});
+  }
   const Model& model = reconstruction.model();
   result.iterations = outcome.iterations;
   result.stop = outcome.status == LBFGSStatus::MaximumIterations
@@ -148,7 +159,7 @@ VICSharpResult vicSharp(const VICSharpTracks& tracks, const VICSharpOptions& opt
   const auto overNoise = [&](const std::vector<double>& squares, const std::vector<double>& weights,
                              double noise) {
     double sum = 0, weight = 0;
-    for (std::size_t e = 0; e < std::min(squares.size(), p.particles); ++e) {
+    for (std::size_t e = 0; e < std::min(squares.size(), p.data.particles()); ++e) {
       const double w = weights.empty() ? 1 : weights[e];
       sum += w * squares[e];
       weight += w;

@@ -25,7 +25,7 @@ struct VICSharpOptions {
   double viscosity = 1.1e-6;    ///< nu, m2/s, >= 0
   double velocityNoise = 0;     ///< standard deviation per component, m/s; 0: estimated
   double accelerationNoise = 0; ///< standard deviation per component, m/s2; 0: estimated
-  int maximumIterations = 100;  ///< on the finest grid, >= 1
+  int maximumIterations = 300;  ///< on the finest grid, >= 1
   double tolerance = 0.001; ///< stop when an iteration gains less than this part of the noise variance, > 0
   double padding = 1;       ///< computed beyond the faces of the grid, in mean particle spacings, >= 0
   double accelerationWeight = 0; ///< alpha, >= 0; 0: from the noise levels
@@ -60,10 +60,10 @@ struct VICSharpResult {
 };
 
 /// Finds bc, the weight of smoothness, and the noise levels where they are not given, on a part of the
-/// volume: every n-th particle is held out, and bc is lowered until those are predicted no better. The
-/// noise is the geometric mean of the misfits of particles used and held out (generalised cross-validation:
-/// with n data and f degrees of freedom these are s^2 (1 - f/n) and s^2/(1 - f/n)). Empty when aborted.
-/// Throws as vicSharp.
+/// volume: every n-th particle is held out, and of the bc tried (powers of two around a guess) the largest
+/// one counts that predicts those about as well as the best. The noise is the geometric mean of the misfits
+/// of particles used and held out (generalised cross-validation: with n data and f degrees of freedom these
+/// are s^2 (1 - f/n) and s^2/(1 - f/n)). Empty when aborted. Throws as vicSharp.
 std::optional<VICSharpCalibration> calibrateVICSharp(const VICSharpTracks& tracks,
                                                      const VICSharpOptions& options,
                                                      const Progress& progress = {});
@@ -72,8 +72,9 @@ std::optional<VICSharpCalibration> calibrateVICSharp(const VICSharpTracks& track
 /// particle spacing r, r/2, ... down to the one asked for; the first starts from rest. Iterations go on until
 /// they gain less than `tolerance` of the noise variance. The result depends on nothing but the arguments,
 /// not even on the number of threads. calibration: that of another snapshot of the same experiment, or null
-/// for one of its own. Without accelerations, the acceleration is that of the pressure for which the flow is
-/// as steady as it can be. Throws std::invalid_argument when there is too little to go on.
+/// for one of its own; noise levels in the options go before it. Without accelerations, the acceleration is
+/// that of the pressure for which the flow, seen from the body if there is one, is as steady as it can be.
+/// Throws std::invalid_argument when there is too little to go on.
 VICSharpResult vicSharp(const VICSharpTracks& tracks, const VICSharpOptions& options,
                         const VICSharpCalibration* calibration = nullptr, const Progress& progress = {});
 

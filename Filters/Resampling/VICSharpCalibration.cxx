@@ -13,6 +13,8 @@ namespace {
 using Model = VICSharpModel<float>;
 
 constexpr double CalibrationNodes = 6e4; // about 7000 particles
+constexpr std::size_t CalibrationParticles = 100;
+constexpr double AboutAsGood = 1.015; // of a mean square
 
 double square(double v) { return v * v; }
 
@@ -26,8 +28,8 @@ double faceDistance(const Grid& g, const double* x) {
 /// Every m-th particle in the order of cells of about 4 particle spacings, so that those held out are spread
 /// as evenly as the particles and the choice depends on no random number.
 std::vector<std::size_t> heldOutParticles(const VICSharpData& data, const Grid& grid, double r, double part) {
-  const std::size_t n = data.size();
-  part = std::min(0.2, std::max(part, 100. / double(n))); // a hundred at least, to judge by
+  const std::size_t n = data.particles();
+  part = std::max(part, std::min(0.2, 100. / double(n))); // a hundred to judge by, if there are enough
   const int step = int(1 / part + 0.5);
   std::vector<std::array<int, 3>> cell(n);
   for (std::size_t p = 0; p < n; ++p)
@@ -69,13 +71,13 @@ public:
       : valid_(data.accelerationWeight), data_(withoutWeight(std::move(data), heldOut)),
         heldOut_(std::move(heldOut)), constants_(constants), options_(options),
         reconstruction_(data_, constants, options) {
-    for (std::size_t p = 0; p < data_.size(); ++p)
+    for (std::size_t p = 0; p < data_.particles(); ++p)
       if (data_.velocityWeight[p] > 0) used_.push_back(p);
   }
 
   /// Tries bc = first/2, first/4 ... and, unless that helps, 2 first, 4 first ..., all for the same number of
   /// iterations from the same solution. bc is the largest that predicts the particles held out, off the
-  /// faces, within 3 % of the best.
+  /// faces, about as well as the best.
   VICSharpCalibration run(const Grid& grid, const Grid& coarse, const Progress& progress) {
     const double first = constants_.curvatureWeight;
     for (std::size_t p : heldOut_)
@@ -93,29 +95,29 @@ public:
     reconstruction_.weighAccelerations(constants_.accelerationWeight);
     reconstruction_.useNoise(best_.velocityNoise, best_.accelerationNoise, options_.tolerance);
     reconstruction_.suppressOutliers(best_.velocityNoise, best_.accelerationNoise);
-    huber_ = best_;
+    noise_ = best_;
     start = reconstruction_.model().state();
 
     constexpr int Most = 8;
     std::vector<std::pair<double, double>> trials; // log bc, score
     double lowest = 1e300;
-    const auto improves = [&](double weight) {
+    const auto tryWeight = [&](double weight) {
       reconstruction_.restart(weight, start);
       const double from = 0.4 + 0.6 * double(trials.size()) / Most;
       reconstruction_.minimise(25, part(progress, from, from + 0.6 / Most));
       const double value = score();
       trials.emplace_back(std::log(weight), value);
-      if (value >= lowest) return false;
+      if (!(value < lowest)) return false;
       lowest = value;
       best_ = measure(weight);
       return true;
     };
-    improves(first);
+    tryWeight(first);
     for (double factor : {0.5, 2.}) {
       int worse = 0;
       for (double w = factor * first; worse < 2 && w > 1.4e-3 && w < 0.5 && !reconstruction_.aborted();
            w *= factor)
-        worse = improves(w) ? 0 : worse + 1;
+        worse = tryWeight(w) ? 0 : worse + 1;
       if (trials.size() > 3) break; // it was better further down: no need to look up
     }
     best_.curvatureWeight = std::exp(smoothest(trials, lowest));
@@ -133,15 +135,15 @@ private:
     return data;
   }
 
-  /// The largest log bc whose score is within 3 % of the lowest: between the last trial that is and the next
-  /// one, where a parabola with its vertex at the former says so.
+  /// The largest log bc whose score is about as low as the lowest: between the last trial that is and the
+  /// next one, where a parabola with its vertex at the former says so.
   static double smoothest(std::vector<std::pair<double, double>> trials, double lowest) {
     std::sort(trials.begin(), trials.end());
     std::size_t last = 0;
     for (std::size_t t = 0; t < trials.size(); ++t)
-      if (trials[t].second <= 1.015 * lowest) last = t;
+      if (trials[t].second <= AboutAsGood * lowest) last = t;
     if (last + 1 == trials.size()) return trials[last].first;
-    const double room = 1.015 * lowest - trials[last].second,
+    const double room = AboutAsGood * lowest - trials[last].second,
                  rise = trials[last + 1].second - trials[last].second;
     return trials[last].first + std::sqrt(room / rise) * (trials[last + 1].first - trials[last].first);
   }
@@ -181,10 +183,10 @@ private:
                  sa2 = square(constants_.accelerationScale / constants_.accelerationWeight);
     double sum = 0;
     for (std::size_t p : judges_) {
-      sum += Huber(model.velocityMisfits()[p], options_.outliers * huber_.velocityNoise).value / su2;
+      sum += Huber(model.velocityMisfits()[p], options_.outliers * noise_.velocityNoise).value / su2;
       if (model.hasAccelerationData() && valid_[p] > 0)
         sum +=
-            Huber(model.accelerationMisfits()[p], options_.outliers * huber_.accelerationNoise).value / sa2;
+            Huber(model.accelerationMisfits()[p], options_.outliers * noise_.accelerationNoise).value / sa2;
     }
     return sum / double(judges_.size());
   }
@@ -196,11 +198,11 @@ private:
   VICSharpConstants constants_;
   const VICSharpOptions& options_;
   VICSharpReconstruction reconstruction_;
-  VICSharpCalibration best_, huber_;
+  VICSharpCalibration best_, noise_;
 };
 
 /// The part of the data within a grid.
-VICSharpData within(const VICSharpData& data, const Grid& grid) {
+VICSharpData dataWithin(const VICSharpData& data, const Grid& grid) {
   VICSharpData out;
   out.meanVelocity = data.meanVelocity;
   for (std::size_t p = 0; p < data.size(); ++p) {
@@ -208,6 +210,7 @@ VICSharpData within(const VICSharpData& data, const Grid& grid) {
     if (!within(grid, x)) continue;
     out.position.insert(out.position.end(), x, x + 3);
     out.velocity.insert(out.velocity.end(), &data.velocity[3 * p], &data.velocity[3 * p] + 3);
+    out.wallPoints += p >= data.particles();
     if (!data.velocityWeight.empty()) out.velocityWeight.push_back(data.velocityWeight[p]);
     if (data.acceleration.empty()) continue;
     out.acceleration.insert(out.acceleration.end(), &data.acceleration[3 * p], &data.acceleration[3 * p] + 3);
@@ -239,16 +242,10 @@ Grid calibrationGrid(const Grid& grid, const VICSharpData& data, double nodes) {
   for (int place = 0; place < Places * Places * Places; ++place) {
     const Grid g = at(place);
     double energy = 0;
-    for (std::size_t p = 0; p < data.size(); ++p) {
-      bool inside = true;
-      for (int a = 0; a < 3; ++a) {
-        const double s = (data.position[3 * p + a] - g.origin[a]) / g.spacing[a];
-        inside = inside && s >= 0 && s <= g.n[a] - 1;
-      }
-      if (inside)
+    for (std::size_t p = 0; p < data.particles(); ++p)
+      if (within(g, &data.position[3 * p]))
         energy += square(data.velocity[3 * p]) + square(data.velocity[3 * p + 1]) +
                   square(data.velocity[3 * p + 2]);
-    }
     if (energy > most) most = energy, best = g;
   }
   return best;
@@ -256,18 +253,19 @@ Grid calibrationGrid(const Grid& grid, const VICSharpData& data, double nodes) {
 
 } // namespace
 
-std::optional<VICSharpCalibration>
-calibrateVICSharp(const VICSharpProblem& whole, const VICSharpOptions& options, const Progress& progress) {
+std::optional<VICSharpCalibration> calibrateVICSharp(const VICSharpProblem& p, const VICSharpOptions& options,
+                                                     const Progress& progress) {
   const bool known = options.curvatureWeight > 0 && options.velocityNoise > 0 &&
-                     (options.accelerationNoise > 0 || whole.data.acceleration.empty());
+                     (options.accelerationNoise > 0 || p.data.acceleration.empty());
   if (known)
     return VICSharpCalibration{options.curvatureWeight, options.velocityNoise, options.accelerationNoise};
-  const Grid grid =
-      calibrationGrid(coarseGrid(whole.grid, std::max(1., 0.5 * whole.spacing / whole.grid.spacing[0])),
-                      whole.data, CalibrationNodes);
-  VICSharpData data = within(whole.data, grid);
-  const auto heldOut = heldOutParticles(data, grid, whole.spacing, options.heldOut);
-  Calibrator calibrator(std::move(data), heldOut, whole.constants, options);
+  const Grid whole = coarseGrid(
+      p.grid, std::max(1., 0.5 * p.spacing / p.grid.spacing[0])); // about half the particle spacing
+  Grid grid = calibrationGrid(whole, p.data, CalibrationNodes);
+  VICSharpData data = dataWithin(p.data, grid);
+  if (data.particles() < CalibrationParticles) grid = whole, data = dataWithin(p.data, grid);
+  const auto heldOut = heldOutParticles(data, grid, p.spacing, options.heldOut);
+  Calibrator calibrator(std::move(data), heldOut, p.constants, options);
   const VICSharpCalibration found = calibrator.run(grid, coarseGrid(grid, 2), progress);
   if (calibrator.aborted()) return {};
   return found;

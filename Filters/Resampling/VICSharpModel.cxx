@@ -26,14 +26,6 @@ std::array<std::vector<Real>, 3> byComponent(const std::vector<double>& interlea
   return out;
 }
 
-template <class Real>
-double squares(const Real* a, int n) {
-  double sum = 0;
-#pragma omp simd reduction(+ : sum)
-  for (int i = 0; i < n; ++i) sum += double(a[i]) * double(a[i]);
-  return sum;
-}
-
 double square(double v) { return v * v; }
 
 // Measured on a sphere at Re = 100, 14 spacings wide: near and far from it, 0.003 to 0.03 and 1.5 to 3 do
@@ -51,7 +43,7 @@ AxisBasis pressureBasis(const Grid& grid, int axis, int order) {
   return basis;
 }
 
-// The modes of a line with free ends, the eigenvectors of the squared third difference; the values are -k^2.
+// The modes of a line with free ends, the eigenvectors of the squared second difference; the values are -k^2.
 AxisBasis freeBasis(const Grid& grid, int axis) {
   const int n = grid.n[axis];
   Eigen::MatrixXd difference = Eigen::MatrixXd::Zero(n - 2, n);
@@ -92,6 +84,13 @@ VICSharpModel<Real>::VICSharpModel(const Grid& grid, const VICSharpData& data,
     for (auto& component : gradient_) component.assign(n, 0);
     p_.assign(n, 0), pBar_.assign(n, 0);
   }
+  for (int a = 0; a < 3; ++a) modes_[a] = freeBasis(grid_, a);
+  // A boundary value b enters delta p as b/h^2 at the first node inside; (1 + h^2/12 delta)^-1 spreads it.
+  const double decay = -5 + std::sqrt(24.);
+  const int inside = std::min({grid.n[0], grid.n[1], grid.n[2]}) - 2;
+  if (constants.order == 2) reach_ = {1};
+  for (int t = 0; constants.order == 4 && t < std::min(8, inside); ++t)
+    reach_.push_back(Real(-12 * std::pow(decay, t + 1)));
   makeFaceLaplacian();
   findInside();
   makePreconditioners();
@@ -119,7 +118,7 @@ void VICSharpModel<Real>::findInside() {
 
 template <class Real>
 typename VICSharpModel<Real>::State VICSharpModel<Real>::state() const {
-  State out{grid_, potential_, p_, {}, {mean_[0], mean_[1], mean_[2]}};
+  State out{grid_, potential_, p_, {}};
   if (inside_.empty()) return out;
   out.source.assign(grid_.size(), 0);
   for (std::size_t e = 0; e < inside_.size(); ++e) out.source[inside_[e]] = Real(sourceScale()) * source_[e];
@@ -127,42 +126,49 @@ typename VICSharpModel<Real>::State VICSharpModel<Real>::state() const {
 }
 
 template <class Real>
-void VICSharpModel<Real>::setConstants(const VICSharpConstants& constants) {
-  const bool again = constants.curvatureWeight != constants_.curvatureWeight ||
-                     constants.accelerationWeight != constants_.accelerationWeight;
-  constants_ = constants;
+void VICSharpModel<Real>::setWeights(const VICSharpConstants& to) {
+  const bool again = to.curvatureWeight != constants_.curvatureWeight ||
+                     to.accelerationWeight != constants_.accelerationWeight;
+  constants_.curvatureWeight = to.curvatureWeight;
+  constants_.accelerationWeight = to.accelerationWeight;
+  constants_.velocityOutlier = to.velocityOutlier;
+  constants_.accelerationOutlier = to.accelerationOutlier;
   if (again) makePreconditioners();
 }
 
-// F and Fb = H^-1/2, with H the Hessian of J for one wave of wavenumber k (times the number of nodes, so
-// that every unknown has the same scale): of the potential in an unbounded fluid, and of a boundary pressure
-// that falls off as exp(-k z) inwards.
+// 2 bc (k r)^4 for one wave of the potential
+template <class Real>
+double VICSharpModel<Real>::bending(double eigenvalue) const {
+  return 2 * constants_.curvatureWeight * square(eigenvalue * square(constants_.particleSpacing));
+}
+
+// The Hessian of J for one wave of the potential in an unbounded fluid, times the number of nodes
+template <class Real>
+double VICSharpModel<Real>::hessian(double eigenvalue) const {
+  double longest = 0; // no wave is longer than twice the box
+  for (int a = 0; a < 3; ++a) longest = std::max(longest, (grid_.n[a] - 1) * grid_.spacing[a]);
+  const double k2 = std::max(-eigenvalue, square(M_PI / longest)) * square(constants_.particleSpacing),
+               alpha2 = hasAccelerationData() ? square(constants_.accelerationWeight) : 0;
+  return k2 * (1 + 2 * alpha2) + square(bending(eigenvalue));
+}
+
+// F and Fb = H^-1/2, so that every unknown has the same scale. The Hessian of a boundary pressure is that of
+// a wave that falls off as exp(-k z) inwards.
 template <class Real>
 void VICSharpModel<Real>::makePreconditioners() {
-  const VICSharpConstants& c = constants_;
-  const double r = c.particleSpacing, alpha2 = hasAccelerationData() ? square(c.accelerationWeight) : 0,
-               bc2 = square(c.curvatureWeight), thickness = r * areaOverVolume_;
-  double longest = 0; // no wave is longer than the box
-  for (int a = 0; a < 3; ++a) longest = std::max(longest, (grid_.n[a] - 1) * grid_.spacing[a]);
-  const double least = square(M_PI * r / longest);
-  const auto bending = [=](double eigenvalue) { return 2 * c.curvatureWeight * square(eigenvalue * r * r); };
-  const auto potential = [=](double eigenvalue) {
-    return std::max(-eigenvalue * r * r, least) * (1 + 2 * alpha2) + square(bending(eigenvalue));
-  };
-  const std::array<AxisBasis, 3> bases{freeBasis(grid_, 0), freeBasis(grid_, 1), freeBasis(grid_, 2)};
-  smooth_ =
-      std::make_unique<BoxPoisson<Real>>(grid_, bases, [=](double l) { return 1 / std::sqrt(potential(l)); });
-  unsmooth_ =
-      std::make_unique<BoxPoisson<Real>>(grid_, bases, [=](double l) { return std::sqrt(potential(l)); });
+  smooth_ = std::make_unique<BoxPoisson<Real>>(grid_, modes_,
+                                               [this](double l) { return 1 / std::sqrt(hessian(l)); });
   if (smoothness_.empty())
-    prior_ = smooth_->perMode([=](double l) { return square(bending(l)) / potential(l); });
+    prior_ = smooth_->perMode([this](double l) { return square(bending(l)) / hessian(l); });
   else
     bend_ = std::make_unique<BoxPoisson<Real>>(
-        grid_, bases, [=](double l) { return bending(l) / std::sqrt(potential(l)); });
-
+        grid_, modes_, [this](double l) { return bending(l) / std::sqrt(hessian(l)); });
+  faces_.clear();
+  if (!hasAccelerationData()) return;
+  const double r = constants_.particleSpacing, alpha2 = square(constants_.accelerationWeight),
+               bc2 = square(constants_.curvatureWeight), thickness = r * areaOverVolume_;
   std::vector<std::size_t> place(grid_.size());
   for (std::size_t e = 0; e < boundary_.size(); ++e) place[boundary_.node[e]] = e;
-  faces_.clear();
   int low[3] = {0, 0, 0}, high[3] = {grid_.n[0] - 1, grid_.n[1] - 1, grid_.n[2] - 1};
   for (int normal = 0; normal < 3; ++normal) {
     for (int side = 0; side < 2; ++side) {
@@ -174,10 +180,11 @@ void VICSharpModel<Real>::makePreconditioners() {
       for (int z = from[2]; z <= to[2]; ++z)
         for (int y = from[1]; y <= to[1]; ++y)
           for (int x = from[0]; x <= to[0]; ++x) face.boundary.push_back(place[grid_.index(x, y, z)]);
-      const double nodes = double(grid_.size()) / double(face.grid.size()) * thickness;
+      const double nodes = double(grid_.size()) / double(face.grid.size()) * thickness,
+                   longest = std::max({face.grid.n[0], face.grid.n[1], face.grid.n[2]}) * grid_.spacing[0];
       const auto pressure = [=](double eigenvalue) {
-        const double k2 = std::max(-eigenvalue * r * r, least);
-        return 0.3 * nodes * (alpha2 * std::sqrt(k2) + 2 * bc2 * k2 * k2);
+        const double k2 = std::max(-eigenvalue, square(M_PI / longest)) * r * r;
+        return nodes * (0.3 * alpha2 * std::sqrt(k2) + 2 * bc2 * k2 * k2); // 0.3: measured
       };
       face.smooth = std::make_unique<BoxPoisson<Real>>(face.grid, cosines(face.grid),
                                                        [=](double l) { return 1 / std::sqrt(pressure(l)); });
@@ -193,8 +200,6 @@ void VICSharpModel<Real>::makePreconditioners() {
 template <class Real>
 void VICSharpModel<Real>::applyFaces(const std::unique_ptr<BoxPoisson<Real>> Face::*map, const Real* from,
                                      Real scale, Real* to) const {
-  if (faces_.empty())
-    for (std::size_t e = 0; e < boundary_.size(); ++e) to[e] = scale * from[e];
 #pragma omp parallel for schedule(dynamic)
   for (std::size_t f = 0; f < faces_.size(); ++f) {
     const Face& face = faces_[f];
@@ -209,25 +214,12 @@ template <class Real>
 typename VICSharpModel<Real>::Vector VICSharpModel<Real>::unknowns(const State& state) const {
   const std::size_t n = grid_.size(), count = boundary_.size();
   Vector x(size(), 0);
-  // Both velocities are less their own mean: curl (m x (x - centre))/2 = m.
-  std::array<double, 3> m, centre;
+  const BoxPoisson<Real> unsmooth(grid_, modes_, [this](double l) { return std::sqrt(hessian(l)); });
   for (int i = 0; i < 3; ++i) {
-    m[i] = state.mean[i] - double(mean_[i]);
-    centre[i] = grid_.origin[i] + 0.5 * (grid_.n[i] - 1) * grid_.spacing[i];
-  }
-  for (int i = 0; i < 3; ++i) {
-    const int l = (i + 1) % 3, k = (i + 2) % 3;
     Vector potential = resample(state.grid, state.potential[i].data(), grid_);
-    std::size_t e = 0;
-    for (int c = 0; c < grid_.n[2]; ++c)
-      for (int b = 0; b < grid_.n[1]; ++b)
-        for (int a = 0; a < grid_.n[0]; ++a, ++e) {
-          const auto at = grid_.position(a, b, c);
-          const double shift = 0.5 * (m[l] * (at[k] - centre[k]) - m[k] * (at[l] - centre[l]));
-          potential[e] = Real((double(potential[e]) + shift) / potentialScale());
-        }
+    for (Real& value : potential) value *= Real(1 / potentialScale());
     Real* field = potential.data();
-    unsmooth_->toModes(&field, 1);
+    unsmooth.toModes(&field, 1);
     std::copy(potential.begin(), potential.end(), x.begin() + i * n);
   }
   if (!hasAccelerationData() || state.pressure.empty()) return x;
@@ -291,6 +283,16 @@ void VICSharpModel<Real>::curlTransposed(const VectorField& bar, VectorField& ou
   });
 }
 
+// f(node, weight): minus the weight times a boundary value is its part of M p = ... at that node
+template <class Real>
+template <class F>
+void VICSharpModel<Real>::forEachReached(std::size_t e, F&& f) const {
+  if (boundary_.inside[e] < 0) return;
+  const std::ptrdiff_t step = boundary_.inside[e] - std::ptrdiff_t(boundary_.node[e]);
+  for (std::size_t t = 0; t < reach_.size(); ++t)
+    f(std::size_t(boundary_.inside[e] + std::ptrdiff_t(t) * step), Real(boundary_.weight[e]) * reach_[t]);
+}
+
 // M p = -Gu_ij Gu_ji, within walls and voids (1 - s) (...) + s f; p = b on the boundary
 template <class Real>
 void VICSharpModel<Real>::solvePressure(const Real* source) {
@@ -317,7 +319,7 @@ void VICSharpModel<Real>::solvePressure(const Real* source) {
   source_.assign(source, source + inside_.size());
   for (std::size_t e = 0; e < boundary_.size(); ++e) {
     p_[boundary_.node[e]] = boundaryPressure_[e];
-    if (boundary_.inside[e] >= 0) p_[boundary_.inside[e]] -= Real(boundary_.weight[e]) * boundaryPressure_[e];
+    forEachReached(e, [&](std::size_t node, Real weight) { p_[node] -= weight * boundaryPressure_[e]; });
   }
   poisson_.solve(p_.data());
 }
@@ -328,7 +330,7 @@ double VICSharpModel<Real>::solvePressureTransposed(const Real* source, Real* so
   poisson_.solve(pBar_.data());
   for (std::size_t e = 0; e < boundary_.size(); ++e) {
     Real& value = pBar_[boundary_.node[e]];
-    if (boundary_.inside[e] >= 0) value -= Real(boundary_.weight[e]) * pBar_[boundary_.inside[e]];
+    forEachReached(e, [&](std::size_t node, Real weight) { value -= weight * pBar_[node]; });
     boundaryBar_[e] += value;
     value = 0;
   }
@@ -398,7 +400,7 @@ void VICSharpModel<Real>::forward(const Vector& x) {
 }
 
 template <class Real>
-void VICSharpModel<Real>::accelerationOfSteadiestFlow() {
+void VICSharpModel<Real>::accelerationOfSteadiestFlow(const std::array<double, 3>& frame) {
   allocate(a_, grid_.size()), allocate(aBar_, grid_.size());
   p_.assign(grid_.size(), 0);
   const int n = grid_.n[0];
@@ -411,7 +413,8 @@ void VICSharpModel<Real>::accelerationOfSteadiestFlow() {
       for (int l = 0; l < 3; ++l) {
         const Real* u = u_[l].data() + first;
         stencils_.derivative(u_[i].data(), l, j, k, gradient);
-        for (int e = 0; e < n; ++e) out[e] += (u[e] + mean_[l]) * gradient[e];
+        const Real relative = mean_[l] - Real(frame[l]);
+        for (int e = 0; e < n; ++e) out[e] += (u[e] + relative) * gradient[e];
       }
       if (nu != 0) stencils_.addLaplacian(u_[i].data(), j, k, -nu, out);
     }
@@ -492,20 +495,25 @@ double VICSharpModel<Real>::penaliseCurvature(const Vector& x, Vector& gradient)
   const std::size_t n = grid_.size();
   const Real twice = Real(2 / double(n));
   const Vector& weight = smoothness_.empty() ? prior_ : smoothness_;
-  double sum = 0;
   if (bend_) {
     for (int i = 0; i < 3; ++i) std::copy_n(x.begin() + i * n, n, work_[i].begin());
     bend_->fromModes(pointers(work_).data(), 3);
   }
+  double sum = 0;
   for (int i = 0; i < 3; ++i) {
     const Real* f = bend_ ? work_[i].data() : x.data() + i * n;
     Real* out = bend_ ? work_[i].data() : gradient.data() + i * n;
-#pragma omp parallel for simd reduction(+ : sum)
-    for (std::size_t e = 0; e < n; ++e) {
-      const Real weighted = weight[e] * f[e];
-      sum += double(weighted) * double(f[e]);
-      out[e] = twice * weighted;
-    }
+    sum += sumOverRows<Real, 1>(grid_, 0, [&](int j, int k, RowBuffers<Real>&) {
+      const std::size_t first = grid_.index(0, j, k);
+      double row = 0;
+#pragma omp simd reduction(+ : row)
+      for (std::size_t e = first; e < first + grid_.n[0]; ++e) {
+        const Real weighted = weight[e] * f[e];
+        row += double(weighted) * double(f[e]);
+        out[e] = twice * weighted;
+      }
+      return std::array<double, 1>{row};
+    })[0];
   }
   if (bend_) {
     bend_->toModes(pointers(work_).data(), 3);

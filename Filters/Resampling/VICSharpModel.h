@@ -19,7 +19,9 @@ struct VICSharpData {
   std::vector<double> acceleration;                       ///< three per particle, m/s2; empty: velocity only
   std::vector<double> velocityWeight, accelerationWeight; ///< one per particle, >= 0; empty: 1
   std::array<double, 3> meanVelocity{0, 0, 0};
+  std::size_t wallPoints = 0; ///< the last so many are not particles but points on a wall
   std::size_t size() const { return position.size() / 3; }
+  std::size_t particles() const { return size() - wallPoints; }
 };
 
 /// Constants of the cost function.
@@ -64,9 +66,10 @@ struct Huber {
 ///       + bc^2 (4 r^6 <|L L A|^2>/su^2 + 2 r^5 A/V <|Lt p|^2/(sa r)^2> on the faces)
 /// where |.|^2 of the data becomes Huber's function for particles that miss by more than hu or ha. The
 /// penalty on curvature is that of the vorticity's Laplacian, r^4 <|L w|^2>/sw^2 with sw = su/(2 r), since
-/// w = -L A up to a gradient. Neither the mean velocity nor a steady motion of the frame enters.
+/// w = -L A up to a gradient. The mean velocity does not enter.
 /// Z are modes of a box with free faces, and F, Fb make the Hessian of J roughly the identity; they change
-/// the path to the minimum, not the minimum. M is the compact Laplacian of fourth order, Lt the Laplacian
+/// the path to the minimum, not the minimum. M is the compact Laplacian of fourth order (of second, if the
+/// differences are), Lt the Laplacian
 /// within a face, A and V are the area and the volume of the box. Inside a wall or a void (distance < 0) the
 /// fields are smooth extensions of those outside, and the equation of the pressure does not hold there: M p =
 /// (1 - s) (...) + s f, where f is unknown too (a weak penalty on f keeps it finite), and s rises from 0 at
@@ -80,19 +83,19 @@ public:
   /// A solution in physical units on its grid, to start another one from.
   struct State {
     Grid grid;
-    VectorField potential;      ///< A, m2/s: its curl is the velocity less the mean
-    Vector pressure;            ///< over density, m2/s2; empty without acceleration data
-    Vector source;              ///< of the pressure inside walls and voids, 1/s2; empty: nothing is inside
-    std::array<double, 3> mean; ///< m/s
+    VectorField potential; ///< A, m2/s: its curl is the velocity less the mean
+    Vector pressure;       ///< over density, m2/s2; empty without acceleration data
+    Vector source;         ///< of the pressure inside walls and voids, 1/s2; empty: nothing is inside
   };
 
+  /// At least 5 nodes per axis.
   VICSharpModel(const Grid& grid, const VICSharpData& data, const VICSharpConstants& constants);
 
   const Grid& grid() const { return grid_; }
   const VICSharpConstants& constants() const { return constants_; }
-  /// New constants for the same data (order stays). Unknowns change their meaning with the curvature weight:
-  /// carry them over with unknowns(state()).
-  void setConstants(const VICSharpConstants& constants);
+  /// New weights bc, alpha (> 0 if it was so before) and outlier limits hu, ha; the rest stays. Unknowns
+  /// change their meaning with bc and alpha: carry them over with unknowns(state()).
+  void setWeights(const VICSharpConstants& constants);
   bool hasAccelerationData() const {
     return !accelerationData_[0].empty() && constants_.accelerationWeight > 0;
   }
@@ -106,8 +109,9 @@ public:
   /// The fields alone.
   void forward(const Vector& x);
   /// Without acceleration data the pressure is known up to a harmonic function. This takes the one for which
-  /// <|du/dt|^2> = <|grad p + U . grad u - nu L u|^2> is least, and sets the acceleration that belongs to it.
-  void accelerationOfSteadiestFlow();
+  /// <|du/dt|^2> = <|grad p + U . grad u - nu L u|^2> is least as seen from a frame that moves with `frame`,
+  /// m/s, and sets the acceleration that belongs to it.
+  void accelerationOfSteadiestFlow(const std::array<double, 3>& frame);
 
   const VectorField& velocity() const { return u_; } ///< less the mean
   const VectorField& acceleration() const { return a_; }
@@ -136,8 +140,12 @@ private:
   double sourceScale() const { return 3 * constants_.accelerationScale / constants_.particleSpacing; }
   double potentialScale() const { return constants_.velocityScale * constants_.particleSpacing; }
   double pressureScale() const { return constants_.accelerationScale * constants_.particleSpacing; }
+  double bending(double eigenvalue) const;
+  double hessian(double eigenvalue) const;
   void findInside();
   void makePreconditioners();
+  template <class F>
+  void forEachReached(std::size_t boundaryNode, F&& f) const;
   void makeFaceLaplacian();
   void applyFaces(const std::unique_ptr<BoxPoisson<Real>> Face::*map, const Real* from, Real scale,
                   Real* to) const;
@@ -156,10 +164,12 @@ private:
   Grid grid_;
   VICSharpConstants constants_;
   Stencils<Real> stencils_;
-  BoxPoisson<Real> poisson_;                            // M
-  std::unique_ptr<BoxPoisson<Real>> smooth_, unsmooth_; // Z F and its inverse
-  std::unique_ptr<BoxPoisson<Real>> bend_;              // Z k^4 F, where the smoothness varies
-  Vector prior_;                                        // bc^2 k^8 F^2 of each mode, where it does not
+  BoxPoisson<Real> poisson_; // M
+  std::vector<Real> reach_;  // of a boundary value on the nodes inwards
+  std::array<AxisBasis, 3> modes_;
+  std::unique_ptr<BoxPoisson<Real>> smooth_; // Z F
+  std::unique_ptr<BoxPoisson<Real>> bend_;   // Z k^4 F, where the smoothness varies
+  Vector prior_;                             // bc^2 k^8 F^2 of each mode, where it does not
   BoundaryNodes boundary_;
   std::vector<Face> faces_;
   std::vector<FaceLaplacian> faceLaplacian_;

@@ -12,6 +12,10 @@ namespace rimflow {
 namespace {
 
 constexpr std::size_t MinimumParticles = 20;
+constexpr double MostWallPoints = 4e6;
+constexpr double MostNodes = 1 << 28;
+// Smaller fluctuations than this are rounding, and would not fit into the range of a float: m/s, m/s2
+constexpr double LeastVelocity = 1e-12, LeastAcceleration = 1e-12;
 // In mean particle spacings. A random cloud leaves a given ball of this size empty with probability 2e-11.
 constexpr double VoidRadius = 1.8;
 
@@ -24,14 +28,15 @@ void check(const VICSharpTracks& t, const VICSharpOptions& o) {
   if (std::abs(o.grid.spacing[0] / o.grid.spacing[1] - 1) > 1e-6 ||
       std::abs(o.grid.spacing[0] / o.grid.spacing[2] - 1) > 1e-6)
     throw std::invalid_argument("the grid must have the same spacing along all axes");
-  const bool valid = o.viscosity >= 0 && o.velocityNoise >= 0 && o.accelerationNoise >= 0 &&
-                     o.maximumIterations >= 1 && o.tolerance > 0 && o.padding >= 0 && o.heldOut > 0 &&
-                     o.heldOut < 0.5 && o.accelerationWeight >= 0 && o.curvatureWeight >= 0 &&
-                     o.outliers >= 0;
+  bool valid = o.maximumIterations >= 1 && o.tolerance > 0 && o.heldOut > 0 && o.heldOut < 0.5;
+  for (double v : {o.viscosity, o.velocityNoise, o.accelerationNoise, o.tolerance, o.padding,
+                   o.accelerationWeight, o.curvatureWeight, o.outliers})
+    valid = valid && v >= 0 && std::isfinite(v);
   if (!valid)
-    throw std::invalid_argument("an option is negative, not a number or out of its range: viscosity, noise "
-                                "levels, weights and padding must be at least 0, and at least one iteration "
-                                "must be allowed");
+    throw std::invalid_argument(
+        "an option is negative, infinite, not a number or out of its range: viscosity, noise "
+        "levels, weights and padding must be at least 0, and at least one iteration "
+        "must be allowed");
 }
 
 double square(double v) { return v * v; }
@@ -100,7 +105,11 @@ void addWall(const Body& body, double h, const Grid& grid, VICSharpData& d) {
     d.accelerationWeight[e] *= 1 - std::exp(-square(body.signedDistance({x[0], x[1], x[2]}) / h));
   }
   const double radius = 0.5 * body.diameter;
-  const int count = int(4 * M_PI * square(radius / h));
+  const double cells = 4 * M_PI * square(radius / h);
+  if (!(cells < MostWallPoints))
+    throw std::invalid_argument("the body is " + std::to_string(body.diameter / h) +
+                                " grid spacings wide; a body of at most a thousand is expected");
+  const int count = int(cells);
   for (int e = 0; e < count; ++e) {
     const double z = 1 - (2 * e + 1.) / count, s = std::sqrt(1 - z * z), phi = M_PI * (1 + std::sqrt(5.)) * e;
     const Eigen::Vector3d x = body.centre + radius * Eigen::Vector3d(s * std::cos(phi), s * std::sin(phi), z);
@@ -109,6 +118,7 @@ void addWall(const Body& body, double h, const Grid& grid, VICSharpData& d) {
     d.position.insert(d.position.end(), x.data(), x.data() + 3);
     for (int c = 0; c < 3; ++c) d.velocity.push_back(u[c] - d.meanVelocity[c]);
     d.velocityWeight.push_back(1);
+    ++d.wallPoints;
     if (d.acceleration.empty()) continue;
     d.acceleration.insert(d.acceleration.end(), 3, 0);
     d.accelerationWeight.push_back(0);
@@ -147,8 +157,9 @@ Grid coarseGrid(const Grid& fine, double factor) {
   Grid grid = fine;
   for (int a = 0; a < 3; ++a) {
     const double length = (fine.n[a] - 1) * fine.spacing[a];
+    if (length < 4 * factor * fine.spacing[a]) continue; // five nodes at least
     grid.spacing[a] = fine.spacing[a] * factor;
-    grid.n[a] = std::max(5, int(std::ceil(length / grid.spacing[a] - 1e-6)) + 1);
+    grid.n[a] = int(std::ceil(length / grid.spacing[a] - 1e-6)) + 1;
     grid.origin[a] = fine.origin[a] - 0.5 * ((grid.n[a] - 1) * grid.spacing[a] - length);
   }
   return grid;
@@ -173,8 +184,15 @@ VICSharpProblem vicSharpProblem(const VICSharpTracks& tracks, const VICSharpOpti
     return usable(tracks, grid, options.body, outlier, p.outliers);
   };
   p.spacing = std::cbrt(volume(options.grid) / double(among(options.grid).size()));
-  p.margin = int(std::ceil(options.padding * p.spacing / options.grid.spacing[0] - 1e-6));
+  p.margin = int(std::min(1e4, std::ceil(options.padding * p.spacing / options.grid.spacing[0] - 1e-6)));
   p.grid = padded(options.grid, p.margin);
+  if (double(p.grid.n[0]) * p.grid.n[1] * p.grid.n[2] > MostNodes)
+    throw std::invalid_argument(
+        "with padding of " + std::to_string(options.padding) + " particle spacings, each " +
+        std::to_string(p.spacing / options.grid.spacing[0]) + " nodes wide, the grid has " +
+        std::to_string(p.grid.n[0]) + " x " + std::to_string(p.grid.n[1]) + " x " +
+        std::to_string(p.grid.n[2]) +
+        " nodes, more than 2^28: choose a larger spacing, closer to that of the particles");
   p.data = among(p.grid);
   std::array<double, 3>& mean = p.data.meanVelocity;
   const std::size_t n = p.data.size();
@@ -184,16 +202,16 @@ VICSharpProblem vicSharpProblem(const VICSharpTracks& tracks, const VICSharpOpti
   VICSharpConstants& k = p.constants;
   k.viscosity = options.viscosity;
   k.particleSpacing = p.spacing;
-  double speed = 1e-30;
+  double speed = LeastVelocity;
   for (double m : mean) speed = std::max(speed, std::abs(m));
-  const double su = rms(p.data.velocity), sa = rms(p.data.acceleration);
+  const double su = rms(p.data.velocity), accelerated = rms(p.data.accelerationWeight), // of 0 and 1
+      sa = accelerated > 0 ? rms(p.data.acceleration) / accelerated : 0;
   k.velocityScale = su > 1e-9 * speed ? su : speed; // fluid at rest
-  k.accelerationScale = sa > 0 ? sa : square(k.velocityScale) / p.spacing;
-  if (sa == 0) p.data.acceleration.clear(), p.data.accelerationWeight.clear();
+  k.accelerationScale = sa > LeastAcceleration ? sa : square(k.velocityScale) / p.spacing;
+  if (sa <= LeastAcceleration) p.data.acceleration.clear(), p.data.accelerationWeight.clear();
   k.accelerationWeight = options.accelerationWeight > 0 ? options.accelerationWeight : 0.3;
   weighByNoise(options, options.velocityNoise, options.accelerationNoise, k);
   k.curvatureWeight = options.curvatureWeight > 0 ? options.curvatureWeight : 0.0125;
-  p.particles = p.data.size();
   addWalls(options, p);
   return p;
 }

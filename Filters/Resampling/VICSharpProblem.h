@@ -7,9 +7,8 @@ namespace rimflow {
 
 /// The data, the grid and the constants of one reconstruction.
 struct VICSharpProblem {
-  double spacing;        ///< r
-  std::size_t particles; ///< used
-  int margin;            ///< nodes that the model's grid has beyond the output's
+  double spacing; ///< r
+  int margin;     ///< nodes that the model's grid has beyond the output's
   Grid grid;
   VICSharpData data;
   std::size_t outliers; ///< left out of the data
@@ -19,12 +18,13 @@ struct VICSharpProblem {
 /// Throws std::invalid_argument when there is too little to go on or an option is out of its range.
 VICSharpProblem vicSharpProblem(const VICSharpTracks& tracks, const VICSharpOptions& options);
 
-/// alpha from these noise levels, unless the options give it or a level is not known (0): each kind of data
-/// then counts by its own noise.
+/// alpha from these noise levels, so that each kind of data counts by its own noise, but within 0.1 to 0.5;
+/// unless the options give it or a level is not known (0).
 void weighByNoise(const VICSharpOptions& options, double velocityNoise, double accelerationNoise,
                   VICSharpConstants& constants);
 
-/// A grid over the same box (or a little more) with spacings `factor` times larger.
+/// A grid over the same box (or a little more) with spacings `factor` times larger; along an axis that would
+/// have fewer than five nodes, as it is.
 Grid coarseGrid(const Grid& fine, double factor);
 
 /// calibrateVICSharp of a problem that is already laid out.

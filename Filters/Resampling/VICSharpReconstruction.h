@@ -35,11 +35,11 @@ public:
   }
   void restart(double curvatureWeight, const Model::State& start) {
     constants_.curvatureWeight = curvatureWeight;
-    model_->setConstants(constants_);
+    model_->setWeights(constants_);
     x_ = model_->unknowns(start);
   }
 
-  /// From the next start on.
+  /// Likewise from the next start on.
   void weighAccelerations(double alpha) { constants_.accelerationWeight = alpha; }
 
   /// An iteration must gain the part `tolerance` of the variance of this noise.
@@ -50,11 +50,11 @@ public:
     gain_ *= tolerance;
   }
   /// Particles that miss by more than so many times this noise count linearly. From a poor start that would
-  /// be most of them, and the large scales would come slowly: so only once there is a solution.
+  /// be most of them, and the large scales would come slowly: so only once there is a solution. Holds from
+  /// the next start on.
   void suppressOutliers(double velocityNoise, double accelerationNoise) {
     constants_.velocityOutlier = options_.outliers * velocityNoise;
     constants_.accelerationOutlier = options_.outliers * accelerationNoise;
-    if (model_) model_->setConstants(constants_);
   }
 
   /// Up to `maximum` iterations, fewer once an iteration gains less than the tolerance allows (mean of five).
@@ -70,8 +70,11 @@ public:
       const std::size_t n = values.size();
       return !aborted_ && (n <= Window || values[n - 1 - Window] - values[n - 1] > Window * gain_);
     };
-    return LBFGS<float>(options).minimise(
-        [&](const std::vector<float>& x, std::vector<float>& g) { return model_->cost(x, g); }, x_, goOnWith);
+    const auto cost = [&](const std::vector<float>& x, std::vector<float>& g) { return model_->cost(x, g); };
+    const LBFGSResult result = LBFGS<float>(options).minimise(cost, x_, goOnWith);
+    std::vector<float> gradient(x_.size());
+    if (result.status == LBFGSStatus::NoProgress) cost(x_, gradient); // the model stands where a trial failed
+    return result;
   }
 
 private:

@@ -120,7 +120,8 @@ void fill(vtkImageData* image, const rimflow::VICSharpResult& r) {
 /// What stays the same over all times.
 struct vtkVICSharpResample::Internals {
   rimflow::Grid grid;
-  Tracks sample;             // the snapshot in the middle of the series
+  Tracks sample; // the snapshot in the middle of the series, and the noise that it brings
+  double sampleVelocityNoise = 0, sampleAccelerationNoise = 0;
   std::string settings;      // that all this belongs to; empty: not yet
   vtkMTimeType upstream = 0; // of everything that the particles come from
   std::optional<rimflow::VICSharpCalibration> calibration;
@@ -174,6 +175,10 @@ void vtkVICSharpResample::LayOut(vtkInformation* in) {
                                        positions ? std::size_t(positions->GetNumberOfTuples()) : 0,
                                        this->Spacing, bounds);
   state.sample = tracksOf(this, particles, this->UseAcceleration);
+  if (particles) {
+    state.sampleVelocityNoise = fieldNumber(particles, "VelocityNoise");
+    state.sampleAccelerationNoise = fieldNumber(particles, "AccelerationNoise");
+  }
   state.settings = settings.str();
   state.upstream = upstream;
 }
@@ -228,21 +233,23 @@ int vtkVICSharpResample::RequestData(vtkInformation*, vtkInformationVector** inp
     rimflow::VICSharpOptions options;
     options.grid = state.grid;
     options.viscosity = this->Viscosity;
-    options.velocityNoise =
-        this->VelocityNoise > 0 ? this->VelocityNoise : fieldNumber(particles, "VelocityNoise");
-    options.accelerationNoise =
-        this->AccelerationNoise > 0 ? this->AccelerationNoise : fieldNumber(particles, "AccelerationNoise");
     options.maximumIterations = this->MaximumIterations;
-    if (this->WarmStart && !state.calibration) {
-      const bool usable = state.sample.velocities != nullptr;
-      state.calibration = rimflow::calibrateVICSharp((usable ? state.sample : tracks).view(), options,
-                                                     this->ProgressBetween(0, 0.3));
+    const auto useNoise = [&](double velocity, double acceleration) { // what the user has set goes first
+      options.velocityNoise = this->VelocityNoise > 0 ? this->VelocityNoise : velocity;
+      options.accelerationNoise = this->AccelerationNoise > 0 ? this->AccelerationNoise : acceleration;
+    };
+    const bool warm = this->WarmStart && state.sample.velocities;
+    if (warm && !state.calibration) {
+      useNoise(state.sampleVelocityNoise, state.sampleAccelerationNoise);
+      state.calibration =
+          rimflow::calibrateVICSharp(state.sample.view(), options, this->ProgressBetween(0, 0.3));
       if (!state.calibration) return 1; // aborted: the output stays empty
     }
+    useNoise(fieldNumber(particles, "VelocityNoise"), fieldNumber(particles, "AccelerationNoise"));
     if (bodyData) options.body = rimflow::bodyOf(bodyData);
     const rimflow::VICSharpResult result =
-        rimflow::vicSharp(tracks.view(), options, this->WarmStart ? &*state.calibration : nullptr,
-                          this->ProgressBetween(this->WarmStart ? 0.3 : 0, 1));
+        rimflow::vicSharp(tracks.view(), options, warm ? &*state.calibration : nullptr,
+                          this->ProgressBetween(warm ? 0.3 : 0, 1));
     if (result.aborted) return 1;
     fill(output, result);
   } catch (const std::invalid_argument& error) {

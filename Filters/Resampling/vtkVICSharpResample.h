@@ -14,8 +14,9 @@
  * (used), `CurvatureWeight`, `ParticlesUsed`, `Outliers` (particles left out because their velocity or
  * acceleration does not belong among their neighbours': ghost tracks), `StopReason`, `ElapsedTime` (s).
  *
- * VIC# (Jeon, Mueller & Michaelis 2022) on VIC+ (Schneiders & Scarano 2016): the vorticity whose velocity and
- * acceleration fit the tracks as closely as their noise allows; see VICSharp.h.
+ * VIC# (Jeon, Mueller & Michaelis 2022) on VIC+ (Schneiders & Scarano 2016): the flow without
+ * sources, and the pressure that goes with it, whose velocity and acceleration fit the tracks as closely as
+ * their noise allows; see VICSharpModel.h.
  */
 #ifndef vtkVICSharpResample_h
 #define vtkVICSharpResample_h
@@ -71,7 +72,7 @@ public:
   ///@}
 
   ///@{
-  /// Iterations at most, >= 1. Default 100; it is the noise that stops the iteration, as a rule before.
+  /// Iterations at most, >= 1. Default 300; as a rule the noise stops the iteration before.
   vtkSetClampMacro(MaximumIterations, int, 1, VTK_INT_MAX);
   vtkGetMacro(MaximumIterations, int);
   ///@}
@@ -101,7 +102,7 @@ protected:
   double VelocityNoise = 0;
   double AccelerationNoise = 0;
   bool UseAcceleration = true;
-  int MaximumIterations = 100;
+  int MaximumIterations = 300;
   bool WarmStart = true;
 
 private:

@@ -237,6 +237,42 @@ TEST(VICSharp, TheWallIsSeenWithTheBody) {
   EXPECT_LT(std::sqrt(far[1]), 1.1 * std::sqrt(far[0]));
 }
 
+TEST(VICSharp, FluidAtRestStaysAtRest) {
+  Scene s = scene(17, 2, 20, 7);
+  for (float uniform : {0.f, 0.3f}) {
+    std::fill(s.u.begin(), s.u.end(), uniform);
+    std::fill(s.a.begin(), s.a.end(), 0.f);
+    const VICSharpResult r = run(s);
+    for (float v : r.velocity) ASSERT_NEAR(v, uniform, 1e-6);
+    for (float v : r.acceleration) ASSERT_NEAR(v, 0, 1e-6);
+  }
+}
+
+TEST(VICSharp, FewParticlesAndThinGridsGiveNumbers) {
+  const Scene s = scene(17, 2, 20, 7);
+  for (bool accelerations : {true, false}) {
+    VICSharpTracks few = s.tracks();
+    few.count = 25;
+    if (!accelerations) few.accelerations = nullptr;
+    VICSharpOptions o;
+    o.grid = s.grid;
+    o.grid.n[2] = 5;
+    o.grid.spacing = {4e-3, 4e-3, 4e-3};
+    const VICSharpResult r = vicSharp(few, o);
+    for (float v : r.velocity) ASSERT_TRUE(std::isfinite(v));
+    for (float v : r.acceleration) ASSERT_TRUE(std::isfinite(v));
+    o.grid.spacing = {1e-5, 1e-5, 1e-5}; // hundreds of nodes between two particles
+    EXPECT_THROW(vicSharp(few, o), std::invalid_argument);
+  }
+}
+
+TEST(VICSharp, TheSteadiestFlowHasTheAccelerationOfASteadyOne) {
+  const Scene s = scene(33, 2, 24, 3);
+  const Errors with = errors(s, run(s), 4), without = errors(s, run(s, false), 4);
+  EXPECT_LT(without.acceleration, 0.1);
+  EXPECT_LT(with.acceleration, without.acceleration);
+}
+
 TEST(VICSharp, SaysWhatItCannotUse) {
   Scene s = scene(17, 2, 20, 7);
   VICSharpOptions o;

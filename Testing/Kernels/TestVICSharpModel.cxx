@@ -1,10 +1,11 @@
-// Breaks when the gradient of the VIC# cost is not the exact adjoint of its value, or the cost differs from
-// the reference; when the velocity has sources or a solution is not carried over to another model.
+// Breaks when the gradient of the VIC# cost is not the exact adjoint of its value, when the velocity has
+// sources or a solution is not carried over to another model.
 #include "VICSharpModel.h"
 
 #include <algorithm>
 #include <cmath>
 #include <gtest/gtest.h>
+#include <omp.h>
 #include <random>
 
 using namespace rimflow;
@@ -29,20 +30,34 @@ VICSharpData someData(const Grid& grid, int count) {
 } // namespace
 
 TEST(VICSharpModel, GradientIsTheExactAdjoint) {
-  const Grid grid{{0.1, -0.2, 0}, {0.1, 0.12, 0.09}, {9, 8, 10}};
-  VICSharpData data = someData(grid, 60);
+  const Grid box{{0.1, -0.2, 0}, {0.1, 0.12, 0.09}, {9, 8, 10}}, small{{0, 0, 0}, {0.1, 0.1, 0.1}, {5, 5, 5}},
+      flat{{0, 0, 0}, {0.1, 0.1, 0.1}, {5, 19, 7}};
   struct Case {
     const char* name;
     double alpha, nu, bc;
     int order;
+    Grid grid;
     double wall = 0; // radius of a sphere
+    bool weights = false;
+    double outlier = 0;
   };
-  for (const Case& c : {Case{"velocity only", 0, 0, 0, 2}, Case{"velocity, smooth", 0, 0, .3, 4},
-                        Case{"accelerations, order 2", 1, 0, 0, 2}, Case{"viscous", 0.7, 0.01, 0, 4},
-                        Case{"all", 0.7, 0.01, 0.3, 4}, Case{"all, with a wall", 0.7, 0.01, 0.3, 4, 0.2}}) {
+  for (const Case& c :
+       {Case{"velocity only", 0, 0, 0, 2, box}, Case{"velocity, smooth", 0, 0, .3, 4, box},
+        Case{"accelerations, order 2", 1, 0, 0, 2, box}, Case{"viscous", 0.7, 0.01, 0, 4, box},
+        Case{"all", 0.7, 0.01, 0.3, 4, box}, Case{"all, with a wall", 0.7, 0.01, 0.3, 4, box, 0.2},
+        Case{"a wall that meets the faces", 0.7, 0.01, 0.3, 4, box, 0.45},
+        Case{"weights and outliers", 0.7, 0.01, 0.3, 4, box, 0, true, 0.5},
+        Case{"smallest grid", 0.7, 0.01, 0.3, 4, small}, Case{"flat grid", 0.7, 0.01, 0.3, 4, flat, 0.3}}) {
+    const Grid& grid = c.grid;
+    VICSharpData data = someData(grid, 60);
+    for (int p = 0; p < 60 && c.weights; ++p) {
+      data.velocityWeight.push_back(p % 3);
+      data.accelerationWeight.push_back(0.5 * (p % 2));
+    }
     VICSharpConstants k;
     k.viscosity = c.nu, k.particleSpacing = 0.2, k.velocityScale = 1.1, k.accelerationScale = 4.7;
     k.accelerationWeight = c.alpha, k.curvatureWeight = c.bc, k.order = c.order;
+    k.velocityOutlier = c.outlier, k.accelerationOutlier = 5 * c.outlier;
     if (c.wall > 0)
       k.distance = [&](double x, double y, double z) {
         return std::hypot(x - 0.5, y - 0.2, z - 0.4) - c.wall;
@@ -65,7 +80,7 @@ TEST(VICSharpModel, GradientIsTheExactAdjoint) {
       };
       best = std::min(best, std::abs((moved(step) - moved(-step)) / (2 * step) / slope - 1));
     }
-    EXPECT_LT(best, 1e-8) << c.name;
+    EXPECT_LT(best, 1e-7) << c.name;
   }
 }
 
@@ -107,14 +122,52 @@ TEST(VICSharpModel, ASolutionIsCarriedOver) {
   for (double& v : x) v = noise(random);
   model.forward(x);
   const auto u = model.velocity(), a = model.acceleration();
-  data.meanVelocity = {0.4, 0.1, -0.3};
   k.curvatureWeight = 0.2, k.velocityScale = 0.8;
   VICSharpModel<double> other(grid, data, k);
   other.forward(other.unknowns(model.state()));
-  const double shift[3] = {0.6, 0.1, 0.2}; // 1, 0.2, -0.1 less the new mean
   for (int i = 0; i < 3; ++i)
     for (std::size_t e = 0; e < grid.size(); ++e) {
-      ASSERT_NEAR(other.velocity()[i][e], u[i][e] + shift[i], 1e-9);
+      ASSERT_NEAR(other.velocity()[i][e], u[i][e], 1e-9);
       ASSERT_NEAR(other.acceleration()[i][e], a[i][e], 1e-7);
     }
+}
+
+TEST(VICSharpModel, APressureWithoutSourcesIsThatOfTheBoundary) {
+  const Grid grid{{0, 0, 0}, {0.1, 0.1, 0.1}, {13, 12, 14}};
+  const VICSharpData data = someData(grid, 60);
+  VICSharpConstants k;
+  k.particleSpacing = 0.2, k.velocityScale = 1.1, k.accelerationScale = 4.7;
+  VICSharpModel<double> model(grid, data, k);
+  VICSharpModel<double>::State state{grid, {}, {}, {}};
+  for (auto& component : state.potential) component.assign(grid.size(), 0);
+  for (std::size_t e = 0; e < grid.size(); ++e) {
+    const auto x = grid.position(int(e % 13), int(e / 13 % 12), int(e / 13 / 12));
+    state.pressure.push_back(3 + x[0] - 2 * x[1] + x[1] * x[2]);
+  }
+  model.forward(model.unknowns(state));
+  for (std::size_t e = 0; e < grid.size(); ++e) ASSERT_NEAR(model.pressure()[e], state.pressure[e], 1e-6);
+}
+
+TEST(VICSharpModel, DoesNotDependOnTheNumberOfThreads) {
+  const Grid grid{{0, 0, 0}, {0.1, 0.1, 0.1}, {21, 18, 15}};
+  const VICSharpData data = someData(grid, 300);
+  VICSharpConstants k;
+  k.particleSpacing = 0.2, k.velocityScale = 1.1, k.accelerationScale = 4.7;
+  std::vector<float> gradients[3];
+  double values[3];
+  const int threads[3] = {1, 2, 5};
+  for (int t = 0; t < 3; ++t) {
+    omp_set_num_threads(threads[t]);
+    VICSharpModel<float> model(grid, data, k);
+    std::mt19937 random(2);
+    std::normal_distribution<float> noise;
+    std::vector<float> x(model.size());
+    for (float& v : x) v = noise(random);
+    gradients[t].resize(x.size());
+    values[t] = model.cost(x, gradients[t]);
+  }
+  for (int t : {1, 2}) {
+    EXPECT_EQ(values[t], values[0]);
+    EXPECT_EQ(gradients[t], gradients[0]);
+  }
 }
