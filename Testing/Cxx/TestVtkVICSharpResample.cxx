@@ -85,6 +85,15 @@ TEST(VtkVICSharpResample, ASnapshotDoesNotDependOnThoseBefore) {
   EXPECT_NE(cold.number("CurvatureWeight"), alone.number("CurvatureWeight")); // its own
 }
 
+TEST(VtkVICSharpResample, LeavesTheAccelerationsOutOnRequest) {
+  Pipeline p;
+  p.resample->SetUseAcceleration(false);
+  p.velocity(2);
+  EXPECT_EQ(p.number("AccelerationNoise"), 0);
+  EXPECT_EQ(p.number("MisfitAcceleration"), 0);
+  EXPECT_TRUE(p.resample->GetOutput()->GetPointData()->GetArray("MaterialAcceleration"));
+}
+
 TEST(VtkVICSharpResample, TakesTheNoiseThatTheParticlesBring) {
   Pipeline p;
   p.tracks->UpdateTimeStep(0);
