@@ -49,8 +49,9 @@ def peers_table(rows):
         clean, noisy = (numbers(rows, method=method, noise=n) for n in (0.0, 0.05))
         settings = [s for s in unique(clean + noisy, "setting") if s and "iterations" not in s]
         name = method + (f" ({' or '.join(settings)})" if settings else "")
-        lines.append([name, errors_text(clean), errors_text(noisy), ratio_text(mean(noisy, "divergence")), f"{mean(clean + noisy, 'seconds'):.1f} s"])
-    return markdown(["method", "clean", "5 % noise", "divergence (noisy)", "time"], lines)
+        divergence = [mean(noisy, "divergence" + order) for order in ("", "_order4")]
+        lines.append([name, errors_text(clean), errors_text(noisy), " / ".join(map(ratio_text, divergence)), f"{mean(clean + noisy, 'seconds'):.1f} s"])
+    return markdown(["method", "clean", "5 % noise", "divergence (noisy), 2nd / 4th order", "time"], lines)
 
 
 def against_best(found, methods):
@@ -84,6 +85,69 @@ def wall_table(rows):
                     lines.append([FLOWS[flow], f"{ratio:.3g} h", region] + [errors_text(numbers(found, method=m)) for m in methods]
                                  + [against_best(found, methods)])
     return markdown(["flow", "particle spacing", "nodes"] + list(methods) + ["VIC# over the best other"], lines)
+
+
+def exponent(found, column, smallest=0):
+    """p of the fit column = c nodes^p over the cubes of at least `smallest` nodes."""
+    found = [r for r in found if r["case"] == "cube" and int(r["nodes"]) >= smallest]
+    if len({r["nodes"] for r in found}) < 2:
+        return np.nan
+    return float(np.polyfit(*(np.log([float(r[c]) for r in found]) for c in ("nodes", column)), 1)[0])
+
+
+def scaling_table(rows):
+    lines = []
+    for nodes in sorted({int(r["nodes"]) for r in rows}):
+        found = [r for r in rows if int(r["nodes"]) == nodes]
+        first, later = (numbers(found, calibration=c) for c in (1, 0))
+
+        def seconds(of):
+            return f"{mean(of, 'seconds'):.1f} s ({mean(of, 'processor_seconds'):.1f} s)" if of else "-"
+
+        r = found[0]
+        lines.append([f"{r['nx']} x {r['ny']} x {r['nz']}" + (" (published)" if r["case"] == "paper" else ""), f"{nodes / 1e6:.2f} million", f"{int(r['particles']):,}",
+                      seconds(first), seconds(later), " / ".join(x["iterations"] for x in found), f"{max(float(x['peak_MB']) for x in found):.0f} MB",
+                      f"{mean(found, 'velocity_error'):.3f}"])
+    for start, name in ((0, "exponent p of time = c nodes^p, all cubes"), (64**3, "the same, from 64^3 on")):
+        lines.append([name, "", ""] + [f"{exponent(of, 'seconds', start):.2f} ({exponent(of, 'processor_seconds', start):.2f})"
+                                       for of in (numbers(rows, calibration=1), numbers(rows, calibration=0))] + ["", "", ""])
+    return markdown(["grid", "nodes", "particles", "first snapshot: wall (processor)", "each further: wall (processor)", "iterations", "peak memory", "velocity error"], lines)
+
+
+def scaling_plot(rows):
+    """Time and memory over the number of nodes."""
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.4))
+    cubes, paper = ([r for r in rows if r["case"] == c] for c in ("cube", "paper"))
+    for calibration, name, marker, line in ((1, "first snapshot, with calibration", "o", "-"), (0, "each further snapshot", "s", "--")):
+        found = numbers(cubes, calibration=calibration)
+        sizes = sorted({int(r["nodes"]) for r in found})
+        times = [mean([r for r in found if int(r["nodes"]) == n], "seconds") for n in sizes]
+        left.loglog(sizes, times, line, color=OURS, marker=marker, lw=2, label=f"{name}: time ~ nodes^{exponent(found, 'seconds'):.2f}")
+        at = numbers(paper, calibration=calibration)
+        if at:
+            left.loglog(int(at[0]["nodes"]), mean(at, "seconds"), color="#d55e00", marker=marker, ms=8, ls="none", mfc="none", mew=2,
+                        label="160 x 109 x 36" + (", first" if calibration else ", further"))
+        if calibration and sizes:
+            left.loglog(sizes, [times[0] * (n / sizes[0]) ** 1.2 for n in sizes], ":", color="black", label="nodes^1.2 from the first point")
+    left.set_ylabel("wall time [s]")
+    left.legend(fontsize=8)
+    sizes = sorted({int(r["nodes"]) for r in cubes})
+    right.loglog(sizes, [max(float(r["peak_MB"]) for r in cubes if int(r["nodes"]) == n) for n in sizes], "-", color=OURS, marker="o", lw=2, label="cubes")
+    if paper:
+        right.loglog(int(paper[0]["nodes"]), max(float(r["peak_MB"]) for r in paper), color="#d55e00", marker="o", ms=8, ls="none", mfc="none", mew=2, label="160 x 109 x 36")
+    right.axhline(min(float(r["start_MB"]) for r in rows), color="0.5", ls=":", label="ParaView's Python before the first solve")
+    right.set_ylabel("peak memory of the process [MB]")
+    right.legend(fontsize=8)
+    for ax in (left, right):
+        ax.set_xlabel("nodes [-]")
+        ax.grid(alpha=0.3, which="both")
+        top = ax.secondary_xaxis("top")
+        top.set_xticks(sizes, [f"{round(n ** (1 / 3))}$^3$" for n in sizes], fontsize=8)
+        top.xaxis.set_minor_formatter(plt.NullFormatter())
+        top.tick_params(which="minor", length=0)
+    figure.suptitle("VIC# on larger grids: particles 2 h apart, random solenoidal flow, 2 % noise", fontsize=11)
+    figure.tight_layout()
+    return figure
 
 
 def tables(rows):
@@ -147,12 +211,15 @@ def plots(rows):
                                   ("far", "all"), "Error against noise; particles 3 h apart, noise on acceleration 4 times that part")
 
 
-def write(folder, rows):
-    """The plots into `folder`; returns the tables."""
-    for name, figure in plots(rows):
+def write(folder, rows, scaling):
+    """The plots into `folder`; returns the tables. rows: of results.csv, scaling: of scaling.csv; either may be empty."""
+    drawn, found = list(plots(rows)), tables(rows)
+    if scaling:
+        drawn.append(("scaling.png", scaling_plot(scaling)))
+        found["scaling"] = scaling_table(scaling)
+    for name, figure in drawn:
         figure.savefig(os.path.join(folder, name), dpi=90)
         plt.close(figure)
-    found = tables(rows)
     return found
 
 
