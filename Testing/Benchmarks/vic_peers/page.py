@@ -99,52 +99,48 @@ def scaling_table(rows):
     lines = []
     for nodes in sorted({int(r["nodes"]) for r in rows}):
         found = [r for r in rows if int(r["nodes"]) == nodes]
-        first, later = (numbers(found, calibration=c) for c in (1, 0))
-
-        def seconds(of):
-            return f"{mean(of, 'seconds'):.1f} s ({mean(of, 'processor_seconds'):.1f} s)" if of else "-"
-
-        r = found[0]
-        lines.append([f"{r['nx']} x {r['ny']} x {r['nz']}" + (" (published)" if r["case"] == "paper" else ""), f"{nodes / 1e6:.2f} million", f"{int(r['particles']):,}",
-                      seconds(first), seconds(later), " / ".join(x["iterations"] for x in found), f"{max(float(x['peak_MB']) for x in found):.0f} MB",
-                      f"{mean(found, 'velocity_error'):.3f}"])
-    for start, name in ((0, "exponent p of time = c nodes^p, all cubes"), (64**3, "the same, from 64^3 on")):
+        r, parts = found[0], [numbers(found, calibration=c) for c in (1, 0)]
+        lines.append([f"{r['nx']} x {r['ny']} x {r['nz']}" + (" (published)" if r["case"] == "paper" else ""), f"{nodes:,}", f"{int(r['particles']):,}"]
+                     + [f"{mean(of, 'seconds'):.1f} s ({mean(of, 'processor_seconds'):.1f} s)" if of else "-" for of in parts]
+                     + [", ".join(x["iterations"] for x in found), f"{max(float(x['peak_MB']) for x in found):.0f} MB", f"{mean(found, 'velocity_error'):.4f}"])
+    for start, name in ((0, "exponent p of time = c nodes^p, all cubes"), (64**3, "the same, from 64 x 64 x 64 on")):
         lines.append([name, "", ""] + [f"{exponent(of, 'seconds', start):.2f} ({exponent(of, 'processor_seconds', start):.2f})"
                                        for of in (numbers(rows, calibration=1), numbers(rows, calibration=0))] + ["", "", ""])
-    return markdown(["grid", "nodes", "particles", "first snapshot: wall (processor)", "each further: wall (processor)", "iterations", "peak memory", "velocity error"], lines)
+    return markdown(["grid", "nodes", "particles", "first snapshot: wall (processor) time", "each further", "iterations", "peak memory", "velocity error"], lines)
 
 
 def scaling_plot(rows):
-    """Time and memory over the number of nodes."""
-    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.4))
+    """Processor time, which other work on the machine does not change, and memory, over the number of nodes."""
+    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 5))
     cubes, paper = ([r for r in rows if r["case"] == c] for c in ("cube", "paper"))
+    sizes = sorted({int(r["nodes"]) for r in cubes})
     for calibration, name, marker, line in ((1, "first snapshot, with calibration", "o", "-"), (0, "each further snapshot", "s", "--")):
         found = numbers(cubes, calibration=calibration)
-        sizes = sorted({int(r["nodes"]) for r in found})
-        times = [mean([r for r in found if int(r["nodes"]) == n], "seconds") for n in sizes]
-        left.loglog(sizes, times, line, color=OURS, marker=marker, lw=2, label=f"{name}: time ~ nodes^{exponent(found, 'seconds'):.2f}")
+        times = [mean([r for r in found if int(r["nodes"]) == n], "processor_seconds") for n in sizes]
+        left.loglog(sizes, times, line, color=OURS, marker=marker, lw=2, label=f"{name}: fit ~ nodes^{exponent(found, 'processor_seconds'):.2f}")
         at = numbers(paper, calibration=calibration)
         if at:
-            left.loglog(int(at[0]["nodes"]), mean(at, "seconds"), color="#d55e00", marker=marker, ms=8, ls="none", mfc="none", mew=2,
-                        label="160 x 109 x 36" + (", first" if calibration else ", further"))
-        if calibration and sizes:
-            left.loglog(sizes, [times[0] * (n / sizes[0]) ** 1.2 for n in sizes], ":", color="black", label="nodes^1.2 from the first point")
-    left.set_ylabel("wall time [s]")
-    left.legend(fontsize=8)
-    sizes = sorted({int(r["nodes"]) for r in cubes})
-    right.loglog(sizes, [max(float(r["peak_MB"]) for r in cubes if int(r["nodes"]) == n) for n in sizes], "-", color=OURS, marker="o", lw=2, label="cubes")
+            left.loglog(int(at[0]["nodes"]), mean(at, "processor_seconds"), color="#d55e00", marker=marker, ms=9, ls="none", mfc="none", mew=2, zorder=4,
+                        label="160 x 109 x 36 nodes, 90,000 particles" + (", first" if calibration else ", further"))
+    left.loglog(sizes, [0.5 * times[0] * (n / sizes[0]) ** 1.2 for n in sizes], ":", color="black", label="slope of nodes^1.2")
+    left.set_ylabel("processor time per snapshot, all threads [s]")
+    right.loglog(sizes, [max(float(r["peak_MB"]) for r in cubes if int(r["nodes"]) == n) for n in sizes], "-", color=OURS, marker="o", lw=2, label="VIC#")
     if paper:
-        right.loglog(int(paper[0]["nodes"]), max(float(r["peak_MB"]) for r in paper), color="#d55e00", marker="o", ms=8, ls="none", mfc="none", mew=2, label="160 x 109 x 36")
-    right.axhline(min(float(r["start_MB"]) for r in rows), color="0.5", ls=":", label="ParaView's Python before the first solve")
-    right.set_ylabel("peak memory of the process [MB]")
-    right.legend(fontsize=8)
+        right.loglog(int(paper[0]["nodes"]), max(float(r["peak_MB"]) for r in paper), color="#d55e00", marker="o", ms=9, ls="none", mfc="none", mew=2,
+                     label="160 x 109 x 36 nodes, 90,000 particles")
+    right.axhline(min(float(r["start_MB"]) for r in rows), color="0.4", ls=":", label="ParaView's Python and the tracks alone")
+    right.set_ylabel("peak memory of the whole process [MB]")
     for ax in (left, right):
+        ax.legend(fontsize=8, loc="upper left")
+        ax.set_ylim(top=ax.get_ylim()[1] * (10 if ax is left else 3))  # room for the legend
+        ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        ax.yaxis.set_major_formatter(plt.FuncFormatter(lambda v, _: f"{v:g}"))
+        ax.yaxis.set_minor_formatter(plt.NullFormatter())
+        ax.set_xticks(sizes, [f"{round(n ** (1 / 3))}$^3$" for n in sizes])
+        ax.xaxis.set_minor_formatter(plt.NullFormatter())
+        ax.tick_params(which="minor", length=0)
         ax.set_xlabel("nodes [-]")
-        ax.grid(alpha=0.3, which="both")
-        top = ax.secondary_xaxis("top")
-        top.set_xticks(sizes, [f"{round(n ** (1 / 3))}$^3$" for n in sizes], fontsize=8)
-        top.xaxis.set_minor_formatter(plt.NullFormatter())
-        top.tick_params(which="minor", length=0)
+        ax.grid(alpha=0.3)
     figure.suptitle("VIC# on larger grids: particles 2 h apart, random solenoidal flow, 2 % noise", fontsize=11)
     figure.tight_layout()
     return figure
