@@ -73,6 +73,29 @@ def flows_table(rows):
     return markdown(["flow"] + methods + ["VIC# over the best other"], lines)
 
 
+def worse_table(rows):
+    """Where another method is truer than VIC# with all that it can use: how often, and the worst such case."""
+    lines = []
+    for flow, title in FLOWS.items():
+        for region in ("all", "near", "far"):
+            found = numbers(rows, flow=flow, region=region)
+            cases = list(dict.fromkeys((r["study"], r["particle_spacing_h"], r["noise"], r["seed"]) for r in found))
+            for quantity in QUANTITIES:
+                worse = []
+                for case in cases:
+                    here = [r for r in found if (r["study"], r["particle_spacing_h"], r["noise"], r["seed"]) == case]
+                    ours = float(numbers(here, method="VIC#")[0][f"{quantity}_error"])
+                    best = min((r for r in here if not r["method"].startswith("VIC#")), key=lambda r: float(r[f"{quantity}_error"]))
+                    if ours > float(best[f"{quantity}_error"]):
+                        worse.append((ours / float(best[f"{quantity}_error"]), ours, best))
+                if worse:
+                    _, ours, best = max(worse, key=lambda w: w[0])
+                    noise = "" if best["noise"] == "nan" else f", {100 * float(best['noise']):g} % noise"
+                    lines.append([title + ("" if region == "all" else f", {region}"), quantity, f"{len(worse)} of {len(cases)}",
+                                  f"{best['particle_spacing_h']} h{noise}", f"{ours:.3f}", f"{float(best[f'{quantity}_error']):.3f}, {best['method']}"])
+    return markdown(["flow", "error of", "cases", "worst case", "VIC# there", "best other there"], lines or [["none"] + 5 * [""]])
+
+
 def wall_table(rows):
     methods = ("VIC#", "VIC#, no Body", "Delaunay linear (SciPy)", "Delaunay linear with wall points", "RBF cubic, 50 neighbours (SciPy)", "RBF, smoothed (SciPy)")
     lines = []
@@ -147,11 +170,11 @@ def scaling_plot(rows):
 
 
 def tables(rows):
-    made = {"peers": (peers_table, ("peers",)), "flows": (flows_table, ("spacing",)), "wall": (wall_table, ("spacing",))}
+    made = {"peers": (peers_table, ("peers",)), "flows": (flows_table, ("spacing",)), "worse": (worse_table, ("spacing",)), "wall": (wall_table, ("spacing",))}
     return {name: make(rows) for name, (make, studies) in made.items() if any(r["study"] in studies for r in rows)}
 
 
-def panels(rows, flows, methods, across, label, regions, title):
+def panels(rows, flows, methods, across, label, regions, title, ticks=None):
     """Rows: velocity, vorticity, acceleration; columns: flows. `across(rows)` gives the abscissa of a row."""
     figure, axes = plt.subplots(3, len(flows), figsize=(max(2.6 * len(flows) + 1, 8), 9), sharex="col", sharey="row", squeeze=False)
     handles = {}
@@ -172,6 +195,11 @@ def panels(rows, flows, methods, across, label, regions, title):
             ax.yaxis.set_major_formatter(plt.FuncFormatter(lambda v, _: f"{v:g}"))
             ax.yaxis.set_minor_formatter(plt.NullFormatter())
             ax.grid(alpha=0.3, which="both")
+            if ticks:
+                ax.set_xticks(ticks)
+            if flow == "stokes" and quantity == "acceleration":
+                ax.set_title("without the pressure that\nNavier-Stokes asks for", fontsize=8, color="0.3", y=1, pad=-24)
+                ax.set_ylim(top=max(ax.get_ylim()[1], 8))
             if column == 0:
                 ax.set_ylabel(f"{quantity}: rms error / rms [-]")
         axes[0, column].set_title(FLOWS[flow] + (f", {regions[0]}" if flow in ("stokes", "cfd") else ""), fontsize=10)
@@ -204,7 +232,7 @@ def plots(rows):
             yield "wall.png", panels(by_spacing, spheres, near, spacing_of, "particle spacing / grid spacing [-]", ("near",), "Within 1.5 h of the wall")
     if by_noise:
         yield "noise.png", panels(by_noise, [f for f in FLOWS if numbers(by_noise, flow=f)], away, noise_of, "noise [% of rms velocity]",
-                                  ("far", "all"), "Error against noise; particles 3 h apart, noise on acceleration 4 times that part")
+                                  ("far", "all"), "Error against noise; particles 3 h apart, noise on acceleration 4 times that part", [0, 1, 2, 5])
 
 
 def write(folder, rows, scaling):

@@ -112,7 +112,7 @@ def parse(argv):
     p.add_argument("--redraw", action="store_true", help="tables and plots from the results.csv and scaling.csv that are there")
     p.add_argument("--flows", nargs="+", choices=page.FLOWS, help="only these flows")
     p.add_argument("--scaling", action="store_true", help="only VIC#'s time and memory against the number of nodes")
-    p.add_argument("--largest", type=int, default=max(scaling.SIZES), help="nodes per axis of the largest grid there; 256 need about 8 GB")
+    p.add_argument("--largest", type=int, default=max(scaling.SIZES), help="nodes per axis of the largest grid there; 256 take 6 GB")
     p.add_argument("--seed", type=int, default=1, help="of the particles, the noise and the random flow")
     g = p.add_argument_group("the CFD sphere", "other tracks with a truth on a grid: an .npz file with x y z (mm), u v w (m/s), ax ay az (m/s2), centre_mm, t_s, arrays indexed [x, y, z]")
     g.add_argument("--tracks", default=demo, help="a track file that STBTrackReader reads")
