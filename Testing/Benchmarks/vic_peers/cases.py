@@ -43,7 +43,7 @@ class Case:
     def prepare(self, result):
         """Adds the derivatives that a method does not give itself: of second and fourth order, never across the wall."""
         g = {order: gradient(result.velocity, self.part.spacing, self.fluid & np.isfinite(result.velocity).all(-1), order) for order in (2, 4)}
-        result.gradient = g[2]
+        result.gradients = g
         result.vorticities = {0: result.vorticity} if result.vorticity is not None else {order: curl(g[order]) for order in g}
         finite = np.isfinite(result.velocity).all(-1)
         for w in result.vorticities.values():
@@ -63,7 +63,7 @@ class Case:
         return {"velocity": relative(result.velocity, self.truth_u, self.mean), "vorticity": vorticity[best], "order": best,
                 "vorticity_order2": vorticity.get(2, vorticity[best]),
                 "acceleration": relative(result.acceleration, self.truth_a) if result.acceleration is not None else np.nan,
-                "divergence": divergence_ratio(result.gradient, region)}
+                "divergence": divergence_ratio(result.gradients[2], region), "divergence_order4": divergence_ratio(result.gradients[4], region)}
 
 
 def add_noise(case_u, case_a, noise, reference_u, reference_a, seed):

@@ -49,8 +49,9 @@ def peers_table(rows):
         clean, noisy = (numbers(rows, method=method, noise=n) for n in (0.0, 0.05))
         settings = [s for s in unique(clean + noisy, "setting") if s and "iterations" not in s]
         name = method + (f" ({' or '.join(settings)})" if settings else "")
-        lines.append([name, errors_text(clean), errors_text(noisy), ratio_text(mean(noisy, "divergence")), f"{mean(clean + noisy, 'seconds'):.1f} s"])
-    return markdown(["method", "clean", "5 % noise", "divergence (noisy)", "time"], lines)
+        divergence = [mean(noisy, "divergence" + order) for order in ("", "_order4")]
+        lines.append([name, errors_text(clean), errors_text(noisy), " / ".join(map(ratio_text, divergence)), f"{mean(clean + noisy, 'seconds'):.1f} s"])
+    return markdown(["method", "clean", "5 % noise", "divergence (noisy), 2nd / 4th order", "time"], lines)
 
 
 def against_best(found, methods):
@@ -72,6 +73,29 @@ def flows_table(rows):
     return markdown(["flow"] + methods + ["VIC# over the best other"], lines)
 
 
+def worse_table(rows):
+    """Where another method is truer than VIC# with all that it can use: how often, and the worst such case."""
+    lines = []
+    for flow, title in FLOWS.items():
+        for region in ("all", "near", "far"):
+            found = numbers(rows, flow=flow, region=region)
+            cases = list(dict.fromkeys((r["study"], r["particle_spacing_h"], r["noise"], r["seed"]) for r in found))
+            for quantity in QUANTITIES:
+                worse = []
+                for case in cases:
+                    here = [r for r in found if (r["study"], r["particle_spacing_h"], r["noise"], r["seed"]) == case]
+                    ours = float(numbers(here, method="VIC#")[0][f"{quantity}_error"])
+                    best = min((r for r in here if not r["method"].startswith("VIC#")), key=lambda r: float(r[f"{quantity}_error"]))
+                    if ours > float(best[f"{quantity}_error"]):
+                        worse.append((ours / float(best[f"{quantity}_error"]), ours, best))
+                if worse:
+                    _, ours, best = max(worse, key=lambda w: w[0])
+                    noise = "" if best["noise"] == "nan" else f", {100 * float(best['noise']):g} % noise"
+                    lines.append([title + ("" if region == "all" else f", {region}"), quantity, f"{len(worse)} of {len(cases)}",
+                                  f"{best['particle_spacing_h']} h{noise}", f"{ours:.3f}", f"{float(best[f'{quantity}_error']):.3f}, {best['method']}"])
+    return markdown(["flow", "error of", "cases", "worst case", "VIC# there", "best other there"], lines or [["none"] + 5 * [""]])
+
+
 def wall_table(rows):
     methods = ("VIC#", "VIC#, no Body", "Delaunay linear (SciPy)", "Delaunay linear with wall points", "RBF cubic, 50 neighbours (SciPy)", "RBF, smoothed (SciPy)")
     lines = []
@@ -86,12 +110,71 @@ def wall_table(rows):
     return markdown(["flow", "particle spacing", "nodes"] + list(methods) + ["VIC# over the best other"], lines)
 
 
+def exponent(found, column, smallest=0):
+    """p of the fit column = c nodes^p over the cubes of at least `smallest` nodes."""
+    found = [r for r in found if r["case"] == "cube" and int(r["nodes"]) >= smallest]
+    if len({r["nodes"] for r in found}) < 2:
+        return np.nan
+    return float(np.polyfit(*(np.log([float(r[c]) for r in found]) for c in ("nodes", column)), 1)[0])
+
+
+def scaling_table(rows):
+    lines = []
+    for nodes in sorted({int(r["nodes"]) for r in rows}):
+        found = [r for r in rows if int(r["nodes"]) == nodes]
+        r, parts = found[0], [numbers(found, calibration=c) for c in (1, 0)]
+        lines.append([f"{r['nx']} x {r['ny']} x {r['nz']}" + (" (published)" if r["case"] == "paper" else ""), f"{nodes:,}", f"{int(r['particles']):,}"]
+                     + [f"{mean(of, 'seconds'):.1f} s ({mean(of, 'processor_seconds'):.1f} s)" if of else "-" for of in parts]
+                     + [", ".join(x["iterations"] for x in found), f"{max(float(x['peak_MB']) for x in found):.0f} MB", f"{mean(found, 'velocity_error'):.4f}"])
+    for start, name in ((0, "exponent p of time = c nodes^p, all cubes"), (64**3, "the same, from 64 x 64 x 64 on")):
+        lines.append([name, "", ""] + [f"{exponent(of, 'seconds', start):.2f} ({exponent(of, 'processor_seconds', start):.2f})"
+                                       for of in (numbers(rows, calibration=1), numbers(rows, calibration=0))] + ["", "", ""])
+    return markdown(["grid", "nodes", "particles", "first snapshot: wall (processor) time", "each further", "iterations", "peak memory", "velocity error"], lines)
+
+
+def scaling_plot(rows):
+    """Processor time, which other work on the machine does not change, and memory, over the number of nodes."""
+    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 5))
+    cubes, paper = ([r for r in rows if r["case"] == c] for c in ("cube", "paper"))
+    sizes = sorted({int(r["nodes"]) for r in cubes})
+    for calibration, name, marker, line in ((1, "first snapshot, with calibration", "o", "-"), (0, "each further snapshot", "s", "--")):
+        found = numbers(cubes, calibration=calibration)
+        times = [mean([r for r in found if int(r["nodes"]) == n], "processor_seconds") for n in sizes]
+        left.loglog(sizes, times, line, color=OURS, marker=marker, lw=2, label=f"{name}: fit ~ nodes^{exponent(found, 'processor_seconds'):.2f}")
+        at = numbers(paper, calibration=calibration)
+        if at:
+            left.loglog(int(at[0]["nodes"]), mean(at, "processor_seconds"), color="#d55e00", marker=marker, ms=9, ls="none", mfc="none", mew=2, zorder=4,
+                        label="160 x 109 x 36 nodes, 90,000 particles" + (", first" if calibration else ", further"))
+    left.loglog(sizes, [0.5 * times[0] * (n / sizes[0]) ** 1.2 for n in sizes], ":", color="black", label="slope of nodes^1.2")
+    left.set_ylabel("processor time per snapshot, all threads [s]")
+    right.loglog(sizes, [max(float(r["peak_MB"]) for r in cubes if int(r["nodes"]) == n) for n in sizes], "-", color=OURS, marker="o", lw=2, label="VIC#")
+    if paper:
+        right.loglog(int(paper[0]["nodes"]), max(float(r["peak_MB"]) for r in paper), color="#d55e00", marker="o", ms=9, ls="none", mfc="none", mew=2,
+                     label="160 x 109 x 36 nodes, 90,000 particles")
+    right.axhline(min(float(r["start_MB"]) for r in rows), color="0.4", ls=":", label="ParaView's Python and the tracks alone")
+    right.set_ylabel("peak memory of the whole process [MB]")
+    for ax in (left, right):
+        ax.legend(fontsize=8, loc="upper left")
+        ax.set_ylim(top=ax.get_ylim()[1] * (10 if ax is left else 3))  # room for the legend
+        ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        ax.yaxis.set_major_formatter(plt.FuncFormatter(lambda v, _: f"{v:g}"))
+        ax.yaxis.set_minor_formatter(plt.NullFormatter())
+        ax.set_xticks(sizes, [f"{round(n ** (1 / 3))}$^3$" for n in sizes])
+        ax.xaxis.set_minor_formatter(plt.NullFormatter())
+        ax.tick_params(which="minor", length=0)
+        ax.set_xlabel("nodes [-]")
+        ax.grid(alpha=0.3)
+    figure.suptitle("VIC# on larger grids: particles 2 h apart, random solenoidal flow, 2 % noise", fontsize=11)
+    figure.tight_layout()
+    return figure
+
+
 def tables(rows):
-    made = {"peers": (peers_table, ("peers",)), "flows": (flows_table, ("spacing",)), "wall": (wall_table, ("spacing",))}
+    made = {"peers": (peers_table, ("peers",)), "flows": (flows_table, ("spacing",)), "worse": (worse_table, ("spacing",)), "wall": (wall_table, ("spacing",))}
     return {name: make(rows) for name, (make, studies) in made.items() if any(r["study"] in studies for r in rows)}
 
 
-def panels(rows, flows, methods, across, label, regions, title):
+def panels(rows, flows, methods, across, label, regions, title, ticks=None):
     """Rows: velocity, vorticity, acceleration; columns: flows. `across(rows)` gives the abscissa of a row."""
     figure, axes = plt.subplots(3, len(flows), figsize=(max(2.6 * len(flows) + 1, 8), 9), sharex="col", sharey="row", squeeze=False)
     handles = {}
@@ -112,6 +195,11 @@ def panels(rows, flows, methods, across, label, regions, title):
             ax.yaxis.set_major_formatter(plt.FuncFormatter(lambda v, _: f"{v:g}"))
             ax.yaxis.set_minor_formatter(plt.NullFormatter())
             ax.grid(alpha=0.3, which="both")
+            if ticks:
+                ax.set_xticks(ticks)
+            if flow == "stokes" and quantity == "acceleration":
+                ax.set_title("without the pressure that\nNavier-Stokes asks for", fontsize=8, color="0.3", y=1, pad=-24)
+                ax.set_ylim(top=max(ax.get_ylim()[1], 8))
             if column == 0:
                 ax.set_ylabel(f"{quantity}: rms error / rms [-]")
         axes[0, column].set_title(FLOWS[flow] + (f", {regions[0]}" if flow in ("stokes", "cfd") else ""), fontsize=10)
@@ -144,15 +232,18 @@ def plots(rows):
             yield "wall.png", panels(by_spacing, spheres, near, spacing_of, "particle spacing / grid spacing [-]", ("near",), "Within 1.5 h of the wall")
     if by_noise:
         yield "noise.png", panels(by_noise, [f for f in FLOWS if numbers(by_noise, flow=f)], away, noise_of, "noise [% of rms velocity]",
-                                  ("far", "all"), "Error against noise; particles 3 h apart, noise on acceleration 4 times that part")
+                                  ("far", "all"), "Error against noise; particles 3 h apart, noise on acceleration 4 times that part", [0, 1, 2, 5])
 
 
-def write(folder, rows):
-    """The plots into `folder`; returns the tables."""
-    for name, figure in plots(rows):
+def write(folder, rows, scaling):
+    """The plots into `folder`; returns the tables. rows: of results.csv, scaling: of scaling.csv; either may be empty."""
+    drawn, found = list(plots(rows)), tables(rows)
+    if scaling:
+        drawn.append(("scaling.png", scaling_plot(scaling)))
+        found["scaling"] = scaling_table(scaling)
+    for name, figure in drawn:
         figure.savefig(os.path.join(folder, name), dpi=90)
         plt.close(figure)
-    found = tables(rows)
     return found
 
 

@@ -1,7 +1,7 @@
 """VIC# beside its peers, on the same tracks in the same run. Start it by `./rimflow bench vic`; --help lists the options.
 
-Writes results.csv (one line per method, case and region), the plots and the tables (tables.md) into --out; with --page the tables go into
-Documentation/validation-vic.md, and plots and CSV beside its images.
+Writes results.csv (one line per method, case and region), scaling.csv (one per grid and snapshot), the plots and the tables (tables.md) into
+--out; with --page the tables go into Documentation/validation-vic.md, and plots and CSV beside its images.
 """
 import argparse
 import csv
@@ -14,6 +14,7 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import cases
 import methods
 import page
+import scaling
 
 SOURCE = os.path.normpath(os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", ".."))
 SPACINGS = (2, 3, 4, 5, 6)            # particle spacing over grid spacing
@@ -21,7 +22,7 @@ NOISES = (0.0, 0.01, 0.02, 0.05)      # of the rms velocity; accelerations four 
 USUAL_SPACING, USUAL_NOISE = 3, 0.02
 TABLE_SEEDS = 2
 COLUMNS = ["study", "flow", "particle_spacing_h", "noise", "seed", "particles", "method", "setting", "accelerations", "body", "region", "nodes",
-           "velocity_error", "vorticity_error", "vorticity_order", "vorticity_error_order2", "acceleration_error", "divergence", "seconds"]
+           "velocity_error", "vorticity_error", "vorticity_order", "vorticity_error_order2", "acceleration_error", "divergence", "divergence_order4", "seconds"]
 
 VIC, VIC_U, VIC_FREE = "VIC#", "VIC#, no accelerations", "VIC#, no Body"
 LINEAR, LINEAR_WALL = "Delaunay linear (SciPy)", "Delaunay linear with wall points"
@@ -60,7 +61,7 @@ def judge(study, case, ratio, noise, seed, table=False):
             rows.append(dict(zip(COLUMNS, [study, case.name, f"{ratio:.3g}", f"{noise:g}", seed, len(case.x), name, result.setting,
                                            everyone[name][1], int(everyone[name][2]), region, int(nodes.sum())]
                                  + [f"{e[k]:.4f}" for k in ("velocity", "vorticity")] + [e["order"]]
-                                 + [f"{e[k]:.4f}" for k in ("vorticity_order2", "acceleration", "divergence")] + [f"{result.seconds:.2f}"])))
+                                 + [f"{e[k]:.4f}" for k in ("vorticity_order2", "acceleration", "divergence", "divergence_order4")] + [f"{result.seconds:.2f}"])))
     return rows
 
 
@@ -108,8 +109,10 @@ def parse(argv):
     p.add_argument("--out", default=os.path.join(os.environ.get("RIMFLOW_BUILD_DIR", os.path.join(SOURCE, "build")), "vic-peers"), help="folder for CSV, tables and plots")
     p.add_argument("--page", action="store_true", help="bring Documentation/validation-vic.md, its plots and its CSV up to date")
     p.add_argument("--quick", action="store_true", help="only the table of the random flow, one seed")
-    p.add_argument("--redraw", action="store_true", help="tables and plots from the results.csv that is there")
+    p.add_argument("--redraw", action="store_true", help="tables and plots from the results.csv and scaling.csv that are there")
     p.add_argument("--flows", nargs="+", choices=page.FLOWS, help="only these flows")
+    p.add_argument("--scaling", action="store_true", help="only VIC#'s time and memory against the number of nodes")
+    p.add_argument("--largest", type=int, default=max(scaling.SIZES), help="nodes per axis of the largest grid there; 256 take 6 GB")
     p.add_argument("--seed", type=int, default=1, help="of the particles, the noise and the random flow")
     g = p.add_argument_group("the CFD sphere", "other tracks with a truth on a grid: an .npz file with x y z (mm), u v w (m/s), ax ay az (m/s2), centre_mm, t_s, arrays indexed [x, y, z]")
     g.add_argument("--tracks", default=demo, help="a track file that STBTrackReader reads")
@@ -120,35 +123,55 @@ def parse(argv):
     arguments = p.parse_args(argv)
     if arguments.page and (arguments.quick or arguments.flows):
         p.error("--page needs all flows: leave out --quick and --flows")
-    if arguments.quick and arguments.flows:
-        p.error("--quick is the table of the random flow alone: leave out --flows")
+    if arguments.quick + bool(arguments.flows) + arguments.scaling > 1:
+        p.error("--quick (the table of the random flow), --flows and --scaling are parts of the whole: choose one")
+    if arguments.largest < min(scaling.SIZES):
+        p.error(f"--largest {arguments.largest} leaves no grid: the smallest is {min(scaling.SIZES)}")
     return arguments
+
+
+def compare(plan):
+    """The rows of results.csv."""
+    start, rows = time.perf_counter(), []
+    for i, (study, flow, make, ratio, noise, seed) in enumerate(plan):
+        case = make()
+        ratio = case.r / case.nodes.spacing if ratio is None else ratio
+        found = judge(study, case, ratio, noise, seed, table=study == "peers")
+        rows += found
+        best = [r for r in found if r["method"] == VIC][-1]
+        linear = [r for r in found if r["method"] == LINEAR][-1]
+        print(f"[{i + 1}/{len(plan)}, {time.perf_counter() - start:.0f} s] {study} {flow} r/h {ratio:.3g} noise {noise:g}: velocity {best['velocity_error']} "
+              f"(linear {linear['velocity_error']}), acceleration {best['acceleration_error']} ({linear['acceleration_error']})", flush=True)
+    return rows
+
+
+def write_rows(path, columns, rows):
+    with open(path + ".new", "w", newline="") as f:
+        writer = csv.DictWriter(f, columns, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+    os.replace(path + ".new", path)
+
+
+def read_rows(path):
+    """Those of an earlier run where this one makes none."""
+    if not os.path.exists(path):
+        return []
+    with open(path, newline="") as f:
+        return list(csv.DictReader(f))
 
 
 def main(argv=None):
     arguments = parse(sys.argv[1:] if argv is None else argv)
     out = os.path.join(SOURCE, "Documentation", "images", "validation-vic") if arguments.page else arguments.out
     os.makedirs(out, exist_ok=True)
-    table = os.path.join(out, "results.csv")
+    peers, growth = (os.path.join(out, name) for name in ("results.csv", "scaling.csv"))
     if not arguments.redraw:
-        start, plan, rows = time.perf_counter(), studies(arguments), []
-        for i, (study, flow, make, ratio, noise, seed) in enumerate(plan):
-            case = make()
-            ratio = case.r / case.nodes.spacing if ratio is None else ratio
-            found = judge(study, case, ratio, noise, seed, table=study == "peers")
-            rows += found
-            best = [r for r in found if r["method"] == VIC][-1]
-            linear = [r for r in found if r["method"] == LINEAR][-1]
-            print(f"[{i + 1}/{len(plan)}, {time.perf_counter() - start:.0f} s] {study} {flow} r/h {ratio:.3g} noise {noise:g}: velocity {best['velocity_error']} "
-                  f"(linear {linear['velocity_error']}), acceleration {best['acceleration_error']} ({linear['acceleration_error']})", flush=True)
-        with open(table + ".new", "w", newline="") as f:
-            writer = csv.DictWriter(f, COLUMNS, lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(rows)
-        os.replace(table + ".new", table)
-    with open(table, newline="") as f:
-        rows = list(csv.DictReader(f))
-    tables = page.write(out, rows)
+        if not arguments.scaling:
+            write_rows(peers, COLUMNS, compare(studies(arguments)))
+        if not (arguments.quick or arguments.flows):
+            write_rows(growth, scaling.COLUMNS, scaling.run(arguments.seed, arguments.largest))
+    tables = page.write(out, read_rows(peers), read_rows(growth))
     if arguments.page:
         page.fill(os.path.join(SOURCE, "Documentation", "validation-vic.md"), tables)
     else:
