@@ -77,6 +77,16 @@ void withConstants(const int (&points)[3], F&& f) {
   choose(points[0],
          [&](auto x) { choose(points[1], [&](auto y) { choose(points[2], [&](auto z) { f(x, y, z); }); }); });
 }
+
+// f(p) for every p from first to last, each far from the one before: sums that are read while they are still
+// on their way to the cache make the processor wait.
+template <class F>
+void forEachSpread(std::size_t first, std::size_t last, F&& f) {
+  constexpr std::size_t Streams = 4;
+  const std::size_t length = (last - first + Streams - 1) / Streams;
+  for (std::size_t i = first; i < first + length; ++i)
+    for (std::size_t p = i; p < last; p += length) f(p);
+}
 } // namespace
 
 template <class Real>
@@ -89,19 +99,16 @@ void Sampler<Real>::sampleAll(const std::array<const Real*, Fields>& field,
 #pragma omp parallel for schedule(static)
     for (std::size_t p = 0; p < point_.size(); ++p) {
       const Point& q = point_[p];
-      Real row[Fields][nx] = {};
+      std::array<Row<nx>, Fields> row;
+      row.fill(Row<nx>::Zero());
       for (int k = 0; k < nz; ++k)
         for (int j = 0; j < ny; ++j) {
           const std::size_t node = q.node + j * sy + k * sz;
           const Real w = q.weight[1][j] * q.weight[2][k];
-          for (int c = 0; c < Fields; ++c)
-            for (int i = 0; i < nx; ++i) row[c][i] += w * field[c][node + i];
+          for (int c = 0; c < Fields; ++c) row[c] += w * Eigen::Map<const Row<nx>>(field[c] + node);
         }
-      for (int c = 0; c < Fields; ++c) {
-        Real sum = 0;
-        for (int i = 0; i < nx; ++i) sum += q.weight[0][i] * row[c][i];
-        values[c][q.given] = sum;
-      }
+      for (int c = 0; c < Fields; ++c)
+        values[c][q.given] = (row[c] * Eigen::Map<const Row<nx>>(q.weight[0])).sum();
     }
   });
 }
@@ -119,19 +126,18 @@ void Sampler<Real>::addAllTransposed(const std::array<const Real*, Fields>& valu
     for (int phase = 0; phase < nz; ++phase) {
 #pragma omp parallel for schedule(static)
       for (int layer = phase; layer < layers; layer += nz)
-        for (std::size_t p = layerStart_[layer]; p < layerStart_[layer + 1]; ++p) {
+        forEachSpread(layerStart_[layer], layerStart_[layer + 1], [&](std::size_t p) {
           const Point& q = point_[p];
-          Real row[Fields][nx];
+          std::array<Row<nx>, Fields> row;
           for (int c = 0; c < Fields; ++c)
-            for (int i = 0; i < nx; ++i) row[c][i] = values[c][q.given] * q.weight[0][i];
+            row[c] = values[c][q.given] * Eigen::Map<const Row<nx>>(q.weight[0]);
           for (int k = 0; k < nz; ++k)
             for (int j = 0; j < ny; ++j) {
               const std::size_t node = q.node + j * sy + k * sz;
               const Real w = q.weight[1][j] * q.weight[2][k];
-              for (int c = 0; c < Fields; ++c)
-                for (int i = 0; i < nx; ++i) field[c][node + i] += w * row[c][i];
+              for (int c = 0; c < Fields; ++c) Eigen::Map<Row<nx>>(field[c] + node) += w * row[c];
             }
-        }
+        });
     }
   });
 }

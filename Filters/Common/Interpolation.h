@@ -1,6 +1,7 @@
 #pragma once
 #include "Grid.h"
 
+#include <Eigen/Core>
 #include <array>
 #include <cstdint>
 #include <vector>
@@ -28,6 +29,8 @@ public:
   void addTransposed(const VectorField& values, VectorField& field) const;
 
 private:
+  template <int Nodes>
+  using Row = Eigen::Array<Real, Nodes, 1>; ///< along x
   template <int Fields>
   void sampleAll(const std::array<const Real*, Fields>& field, const std::array<Real*, Fields>& values) const;
   template <int Fields>

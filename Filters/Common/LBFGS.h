@@ -15,6 +15,7 @@ struct LBFGSOptions {
   double sufficientDecrease = 1e-4;   ///< c1 of the Wolfe conditions
   double curvature = 0.9;             ///< c2 of the Wolfe conditions, c1 < c2 < 1
   double valueRounding = 1e-7; ///< relative rounding of f: below it the line search trusts slopes alone
+  double firstStep = 0;        ///< along -g, tried at the start, > 0: 1 over the curvature expected; 0: 1/|g|
   int maximumEvaluationsPerSearch = 20;
 };
 
@@ -72,7 +73,8 @@ public:
         history_.clear();
         slope = setDirection(gradient, direction);
       }
-      const double first = history_.empty() ? 1 / norm : 1;
+      const double steepest = options_.firstStep > 0 ? options_.firstStep : 1 / norm;
+      const double first = history_.empty() ? steepest : 1;
       const double step = search(f, x, result.value, slope, direction, first, trial, trialGradient, result);
       if (step == 0) {
         if (history_.empty()) {

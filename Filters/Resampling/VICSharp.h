@@ -26,7 +26,7 @@ struct VICSharpOptions {
   double velocityNoise = 0;     ///< standard deviation per component, m/s; 0: estimated
   double accelerationNoise = 0; ///< standard deviation per component, m/s2; 0: estimated
   int maximumIterations = 300;  ///< on the finest grid, >= 1
-  double tolerance = 0.001; ///< stop when an iteration gains less than this part of the noise variance, > 0
+  double tolerance = 0.002; ///< stop when an iteration gains less than this part of the noise variance, > 0
   double padding = 2;       ///< computed beyond the faces of the grid, in mean particle spacings, >= 0
   double accelerationWeight = 0; ///< alpha, >= 0; 0: from the noise levels
   double curvatureWeight = 0;    ///< bc, >= 0; 0: found with particles held out

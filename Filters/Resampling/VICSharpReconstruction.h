@@ -63,6 +63,7 @@ public:
     LBFGSOptions options;
     options.maximumIterations = maximum;
     options.memory = 2;
+    options.firstStep = 0.1 * double(model_->grid().size()); // the Hessian is a few times 2/N
     std::vector<double> values;
     const auto goOnWith = [&](const LBFGSState& s, const std::vector<float>&) {
       aborted_ = !goOn(progress, std::min(1., double(s.iteration) / maximum));
