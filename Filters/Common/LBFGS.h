@@ -85,8 +85,6 @@ public:
         continue;
       }
       remember(x, trial, gradient, trialGradient);
-      x.swap(trial);
-      gradient.swap(trialGradient);
       norm = std::sqrt(dot(gradient, gradient));
       result.gradientNorm = norm;
       ++result.iterations;
@@ -216,23 +214,25 @@ private:
     dropped_ = false;
   }
 
-  void remember(const Vector& x, const Vector& next, const Vector& gradient, const Vector& nextGradient) {
+  /// Keeps the step from x to next and the change of the gradient; x and gradient become the next ones.
+  void remember(Vector& x, Vector& next, Vector& gradient, Vector& nextGradient) {
+    const auto product = sums<1>(x.size(), [&](std::size_t from, std::size_t to) {
+      for (std::size_t i = from; i < to; ++i) {
+        x[i] = next[i] - x[i];
+        gradient[i] = nextGradient[i] - gradient[i];
+      }
+      return std::array<double, 1>{dot(x.data(), gradient.data(), from, to)};
+    });
     Pair pair;
     if (int(history_.size()) >= options_.memory) {
       pair = std::move(history_.front());
       history_.erase(history_.begin());
       dropped_ = true;
-    } else {
-      pair.s.resize(x.size());
-      pair.y.resize(x.size());
     }
-    const auto product = sums<1>(x.size(), [&](std::size_t from, std::size_t to) {
-      for (std::size_t i = from; i < to; ++i) {
-        pair.s[i] = next[i] - x[i];
-        pair.y[i] = nextGradient[i] - gradient[i];
-      }
-      return std::array<double, 1>{dot(pair.s.data(), pair.y.data(), from, to)};
-    });
+    pair.s.resize(x.size());
+    pair.y.resize(x.size());
+    pair.s.swap(x), pair.y.swap(gradient);
+    x.swap(next), gradient.swap(nextGradient);
     history_.push_back(std::move(pair));
     if (!(product[0] > 0)) history_.clear(); // no curvature to learn from: start again
     if (history_.empty()) dropped_ = false;
