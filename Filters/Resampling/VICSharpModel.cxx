@@ -109,7 +109,8 @@ void VICSharpModel<Real>::findInside() {
                      near = std::exp(-square(std::max(0., distance) / (WallReach * r))),
                      share = 0.5 - distance / h;
         const std::size_t node = grid_.index(i, j, k);
-        smoothness_[node] = Real(1 - (1 - WallSmoothness) * near);
+        smoothness_[node] =
+            Real((1 - (1 - WallSmoothness) * near) * (distance < 0 ? constants_.insideSmoothness : 1));
         if (share <= 0 || !hasAccelerationData()) continue;
         inside_.push_back(std::uint32_t(node));
         insideShare_.push_back(Real(std::min(share, 1.)));

@@ -37,6 +37,9 @@ struct VICSharpConstants {
   int order = 4;                   ///< of the central differences and of sampling, 2 or 4
   /// Signed distance of x, y, z from the nearest wall or void, m, < 0 inside; empty: there is none.
   std::function<double(double, double, double)> distance;
+  /// bc^2 inside over bc^2 at the wall, > 0; less than 1 where the wall's velocity is known, as the velocity
+  /// has a kink there.
+  double insideSmoothness = 1;
 };
 
 /// Huber's function of a squared misfit m^2: m^2 up to the threshold h, 2 h |m| - h^2 beyond (always m^2 if h

@@ -142,7 +142,10 @@ void addWalls(const VICSharpOptions& options, VICSharpProblem& p) {
     // Half a spacing inwards, so that no node next to a particle counts as inside.
     return std::min(distance, double((*field)[grid.index(n[0], n[1], n[2])]) + 0.5 * grid.spacing[0]);
   };
-  if (body) addWall(*body, options.grid.spacing[0], p.grid, p.data);
+  if (!body) return;
+  p.constants.insideSmoothness =
+      0.01; // Stokes flow 10 and a sphere at Re = 100 14 spacings wide: near and far better
+  addWall(*body, options.grid.spacing[0], p.grid, p.data);
 }
 
 } // namespace
