@@ -27,7 +27,7 @@ struct VICSharpOptions {
   double accelerationNoise = 0; ///< standard deviation per component, m/s2; 0: estimated
   int maximumIterations = 300;  ///< on the finest grid, >= 1
   double tolerance = 0.002; ///< stop when an iteration gains less than this part of the noise variance, > 0
-  double padding = 2;       ///< computed beyond the faces of the grid, in mean particle spacings, >= 0
+  double padding = 1;       ///< computed beyond the faces of the grid, in mean particle spacings, >= 0
   double accelerationWeight = 0; ///< alpha, >= 0; 0: from the noise levels
   double curvatureWeight = 0;    ///< bc, >= 0; 0: found with particles held out
   double heldOut = 0.1;          ///< part of the particles held out while bc is sought, 0 < and < 0.5

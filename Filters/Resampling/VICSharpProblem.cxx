@@ -143,8 +143,7 @@ void addWalls(const VICSharpOptions& options, VICSharpProblem& p) {
     return std::min(distance, double((*field)[grid.index(n[0], n[1], n[2])]) + 0.5 * grid.spacing[0]);
   };
   if (!body) return;
-  p.constants.insideSmoothness =
-      0.01; // Stokes flow 10 and a sphere at Re = 100 14 spacings wide: near and far better
+  p.constants.insideSmoothness = 0.01; // measured: Stokes flow, and a sphere at Re = 100
   addWall(*body, options.grid.spacing[0], p.grid, p.data);
 }
 
