@@ -49,9 +49,8 @@ public:
     }
   }
   const Grid& grid() const { return grid_; }
-  /// The 1-D operators D and D^T along an axis.
+  /// The 1-D operator D along an axis.
   const std::vector<Taps<Real>>& difference(int axis) const { return difference_[axis]; }
-  const std::vector<Taps<Real>>& differenceTransposed(int axis) const { return transposed_[axis]; }
   /// 1/h^2 of an axis.
   Real inverseSquare(int axis) const { return inverseSquare_[axis]; }
 

@@ -32,7 +32,7 @@ double square(double v) { return v * v; }
 // nearly as well.
 constexpr double WallSmoothness = 0.01; // bc^2 at a wall, over bc^2 far from it
 constexpr double WallReach = 2;         // of the wall on bc^2, in mean particle spacings
-constexpr double SourcePenalty = 1e-3;
+constexpr double SourcePenalty = 1e-3;  // of f^2; keeps sources finite that no particle sees
 
 // The eigenvectors of the second difference with zeros at the ends. Its eigenvalues are those of the compact
 // difference of fourth order, (1 + h^2/12 delta)^-1 delta.

@@ -12,6 +12,7 @@ namespace rimflow {
 namespace {
 
 constexpr std::size_t MinimumParticles = 20;
+constexpr double InsideSmoothness = 0.01; // measured: Stokes flow, and a sphere at Re = 100
 constexpr double MostWallPoints = 4e6;
 constexpr double MostNodes = 1 << 28;
 // Smaller fluctuations than this are rounding, and would not fit into the range of a float: m/s, m/s2
@@ -143,7 +144,7 @@ void addWalls(const VICSharpOptions& options, VICSharpProblem& p) {
     return std::min(distance, double((*field)[grid.index(n[0], n[1], n[2])]) + 0.5 * grid.spacing[0]);
   };
   if (!body) return;
-  p.constants.insideSmoothness = 0.01; // measured: Stokes flow, and a sphere at Re = 100
+  p.constants.insideSmoothness = InsideSmoothness;
   addWall(*body, options.grid.spacing[0], p.grid, p.data);
 }
 

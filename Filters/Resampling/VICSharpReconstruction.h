@@ -39,7 +39,7 @@ public:
     x_ = model_->unknowns(start);
   }
 
-  /// Likewise from the next start on.
+  /// alpha, from the next start on.
   void weighAccelerations(double alpha) { constants_.accelerationWeight = alpha; }
 
   /// An iteration must gain the part `tolerance` of the variance of this noise.
@@ -73,8 +73,10 @@ public:
     };
     const auto cost = [&](const std::vector<float>& x, std::vector<float>& g) { return model_->cost(x, g); };
     const LBFGSResult result = LBFGS<float>(options).minimise(cost, x_, goOnWith);
-    std::vector<float> gradient(x_.size());
-    if (result.status == LBFGSStatus::NoProgress) cost(x_, gradient); // the model stands where a trial failed
+    if (result.status == LBFGSStatus::NoProgress) { // the model stands where a trial failed
+      std::vector<float> gradient(x_.size());
+      cost(x_, gradient);
+    }
     return result;
   }
 

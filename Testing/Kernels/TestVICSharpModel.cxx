@@ -27,6 +27,21 @@ VICSharpData someData(const Grid& grid, int count) {
   return data;
 }
 
+VICSharpConstants someConstants() {
+  VICSharpConstants k;
+  k.particleSpacing = 0.2, k.velocityScale = 1.1, k.accelerationScale = 4.7;
+  return k;
+}
+
+template <class Real>
+std::vector<Real> someUnknowns(const VICSharpModel<Real>& model) {
+  std::mt19937 random(2);
+  std::normal_distribution<Real> noise;
+  std::vector<Real> x(model.size());
+  for (Real& v : x) v = noise(random);
+  return x;
+}
+
 } // namespace
 
 TEST(VICSharpModel, GradientIsTheExactAdjoint) {
@@ -87,14 +102,10 @@ TEST(VICSharpModel, GradientIsTheExactAdjoint) {
 TEST(VICSharpModel, TheVelocityHasNoSources) {
   const Grid grid{{0, 0, 0}, {0.1, 0.1, 0.1}, {9, 8, 10}};
   const VICSharpData data = someData(grid, 60);
-  VICSharpConstants k;
-  k.particleSpacing = 0.2, k.velocityScale = 1.1, k.accelerationScale = 4.7;
+  const VICSharpConstants k = someConstants();
   VICSharpModel<double> model(grid, data, k);
-  std::mt19937 random(2);
-  std::normal_distribution<double> noise;
-  std::vector<double> x(model.size()), row(grid.n[0]), term(grid.n[0]);
-  for (double& v : x) v = noise(random);
-  model.forward(x);
+  std::vector<double> row(grid.n[0]), term(grid.n[0]);
+  model.forward(someUnknowns(model));
   const Stencils<double> stencils(grid, k.order);
   double divergence = 0, gradient = 0;
   for (int z = 0; z < grid.n[2]; ++z)
@@ -112,15 +123,11 @@ TEST(VICSharpModel, TheVelocityHasNoSources) {
 TEST(VICSharpModel, ASolutionIsCarriedOver) {
   const Grid grid{{0, 0, 0}, {0.1, 0.1, 0.1}, {9, 8, 10}};
   VICSharpData data = someData(grid, 60);
-  VICSharpConstants k;
-  k.viscosity = 0.01, k.particleSpacing = 0.2, k.velocityScale = 1.1, k.accelerationScale = 4.7;
+  VICSharpConstants k = someConstants();
+  k.viscosity = 0.01;
   k.distance = [](double x, double y, double z) { return std::hypot(x - 0.5, y - 0.4, z - 0.4) - 0.2; };
   VICSharpModel<double> model(grid, data, k);
-  std::mt19937 random(2);
-  std::normal_distribution<double> noise;
-  std::vector<double> x(model.size());
-  for (double& v : x) v = noise(random);
-  model.forward(x);
+  model.forward(someUnknowns(model));
   const auto u = model.velocity(), a = model.acceleration();
   k.curvatureWeight = 0.2, k.velocityScale = 0.8;
   VICSharpModel<double> other(grid, data, k);
@@ -135,8 +142,7 @@ TEST(VICSharpModel, ASolutionIsCarriedOver) {
 TEST(VICSharpModel, APressureWithoutSourcesIsThatOfTheBoundary) {
   const Grid grid{{0, 0, 0}, {0.1, 0.1, 0.1}, {13, 12, 14}};
   const VICSharpData data = someData(grid, 60);
-  VICSharpConstants k;
-  k.particleSpacing = 0.2, k.velocityScale = 1.1, k.accelerationScale = 4.7;
+  const VICSharpConstants k = someConstants();
   VICSharpModel<double> model(grid, data, k);
   VICSharpModel<double>::State state{grid, {}, {}, {}};
   for (auto& component : state.potential) component.assign(grid.size(), 0);
@@ -151,18 +157,14 @@ TEST(VICSharpModel, APressureWithoutSourcesIsThatOfTheBoundary) {
 TEST(VICSharpModel, DoesNotDependOnTheNumberOfThreads) {
   const Grid grid{{0, 0, 0}, {0.1, 0.1, 0.1}, {21, 18, 15}};
   const VICSharpData data = someData(grid, 300);
-  VICSharpConstants k;
-  k.particleSpacing = 0.2, k.velocityScale = 1.1, k.accelerationScale = 4.7;
+  const VICSharpConstants k = someConstants();
   std::vector<float> gradients[3];
   double values[3];
   const int threads[3] = {1, 2, 5};
   for (int t = 0; t < 3; ++t) {
     omp_set_num_threads(threads[t]);
     VICSharpModel<float> model(grid, data, k);
-    std::mt19937 random(2);
-    std::normal_distribution<float> noise;
-    std::vector<float> x(model.size());
-    for (float& v : x) v = noise(random);
+    const std::vector<float> x = someUnknowns(model);
     gradients[t].resize(x.size());
     values[t] = model.cost(x, gradients[t]);
   }
