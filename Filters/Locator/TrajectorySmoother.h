@@ -1,16 +1,7 @@
 #pragma once
-#include <Eigen/Core>
-#include <vector>
+#include "CentreEstimate.h"
 
 namespace rimflow {
-
-/// What one snapshot says of the centre by itself.
-struct CentreEstimate {
-  double time = 0;                                      ///< s
-  bool found = false;                                   ///< false: nothing below counts
-  Eigen::Vector3d centre = Eigen::Vector3d::Zero();     ///< m
-  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero(); ///< m2, positive definite
-};
 
 /// Prior knowledge of the motion. The defaults suit spheres that rise or sink in a liquid.
 struct SmootherOptions {
