@@ -26,6 +26,7 @@ add_library(rimflow_kernels STATIC
   Filters/Resampling/VICSharpProblem.cxx
   Filters/Resampling/VoidDistance.cxx
   Filters/Locator/ImportanceSampling.cxx
+  Filters/Locator/PathPosterior.cxx
   Filters/Locator/PublishedCost.cxx
   Filters/Locator/SeedingDensity.cxx
   Filters/Locator/SphereCapture.cxx

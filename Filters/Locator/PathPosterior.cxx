@@ -20,8 +20,8 @@ using Eigen::VectorXd;
 
 constexpr double Pi = 3.14159265358979323846;
 constexpr double LogisticPerNoise = 0.62666; // sqrt(2 pi)/4: w at which the logistic has the normal's slope
-constexpr double Caution = 0.2;              // weight of single-snapshot estimates in the start: they share tracers
-constexpr double Horizon = 7;                // standard deviations from the present shape that count
+constexpr double Caution = 0.2; // weight of single-snapshot estimates in the start: they share tracers
+constexpr double Horizon = 7;   // standard deviations from the present shape that count
 
 /// Uniform cubic B-splines over [first, last].
 class Splines {
@@ -42,10 +42,17 @@ public:
     VectorXd row = VectorXd::Zero(size());
     auto four = row.segment<4>(i);
     switch (derivative) {
-      case 0: four << v * v * v, 3 * u * u * (u - 2) + 4, 3 * v * v * (v - 2) + 4, u * u * u; break;
-      case 1: four << -3 * v * v, 3 * u * (3 * u - 4), -3 * v * (3 * v - 4), 3 * u * u; break;
-      case 2: four << 6 * v, 6 * (3 * u - 2), 6 * (3 * v - 2), 6 * u; break;
-      default: four << -6, 18, -18, 6;
+    case 0:
+      four << v * v * v, 3 * u * u * (u - 2) + 4, 3 * v * v * (v - 2) + 4, u * u * u;
+      break;
+    case 1:
+      four << -3 * v * v, 3 * u * (3 * u - 4), -3 * v * (3 * v - 4), 3 * u * u;
+      break;
+    case 2:
+      four << 6 * v, 6 * (3 * u - 2), 6 * (3 * v - 2), 6 * u;
+      break;
+    default:
+      four << -6, 18, -18, 6;
     }
     return row / (6 * std::pow(step_, derivative));
   }
@@ -96,7 +103,8 @@ public:
         const Eigen::Vector3f r = p.offset - moved;
         const double s = r.norm() - radius;
         if (s > reach[k] + TracerLog::Highest * width) continue; // outside of every path
-        const int track = p.track < 0 ? newTrack() : number.try_emplace(p.track, int(base_.size())).first->second;
+        const int track =
+            p.track < 0 ? newTrack() : number.try_emplace(p.track, int(base_.size())).first->second;
         if (track == int(base_.size())) newTrack();
         if (s < -reach[k] + TracerLog::Lowest * width)
           base_[track] = TracerLog::Lowest; // inside for every path
@@ -129,7 +137,8 @@ public:
 
   /// Gradient with respect to the spline's coefficients (axis after axis), and the sum of the tracks' squared
   /// gradients (Fisher's information). basis: of the splines, one row per snapshot.
-  void derivatives(const Matrix3Xd& offsets, const MatrixXd& basis, VectorXd& gradient, MatrixXd& information) {
+  void derivatives(const Matrix3Xd& offsets, const MatrixXd& basis, VectorXd& gradient,
+                   MatrixXd& information) {
     (*this)(offsets); // fills sum_
     const Eigen::Index m = basis.cols();
     gradient.setZero(3 * m);
@@ -234,10 +243,12 @@ double effectiveSamples(const MatrixXd& samples, const MatrixXd& covariance) {
 
 class PathSampler {
 public:
-  PathSampler(const std::vector<CentreEstimate>& snapshots, const PathOptions& options, const Splines& splines)
+  PathSampler(const std::vector<CentreEstimate>& snapshots, const PathOptions& options,
+              const Splines& splines)
       : snapshots_(snapshots), options_(options), splines_(splines), m_(splines.size()),
         basis_(Eigen::Index(snapshots.size()), m_), reference_(snapshots.size()), reach_(snapshots.size()) {
-    for (Eigen::Index k = 0; k < basis_.rows(); ++k) basis_.row(k) = splines.at(snapshots[k].time).transpose();
+    for (Eigen::Index k = 0; k < basis_.rows(); ++k)
+      basis_.row(k) = splines.at(snapshots[k].time).transpose();
     setPrior();
     startFromEstimates();
   }
@@ -271,7 +282,7 @@ public:
   void sample(double width, int steps) {
     look();
     PathLikelihood likelihood(snapshots_, reference_, reach_, options_.radius, width);
-    VectorXd z = VectorXd::Zero(3 * m_), theta = shape_.mean; // theta = mean + factor z
+    VectorXd z = VectorXd::Zero(3 * m_), theta = shape_.mean;            // theta = mean + factor z
     const auto logRatio = [&](const VectorXd& t, const VectorXd& unit) { // of the target over the shape
       return likelihood(offsets(t)) + logPrior(t) + 0.5 * unit.squaredNorm();
     };
@@ -282,7 +293,8 @@ public:
       const double level = here + std::log(std::max(uniform_(random_), 1e-300));
       double angle = 2 * Pi * uniform_(random_), low = angle - 2 * Pi, high = angle;
       for (int shrink = 0; shrink < 60; ++shrink) {
-        const VectorXd unit = z * std::cos(angle) + nu * std::sin(angle), t = shape_.mean + shape_.factor * unit;
+        const VectorXd unit = z * std::cos(angle) + nu * std::sin(angle),
+                       t = shape_.mean + shape_.factor * unit;
         const double there = logRatio(t, unit);
         if (there > level) {
           z = unit, theta = t, here = there;
@@ -321,7 +333,8 @@ public:
 private:
   /// White jerk per interval; acceleration and velocity in the middle; what else is known.
   void setPrior() {
-    const double first = snapshots_.front().time, last = snapshots_.back().time, middle = 0.5 * (first + last);
+    const double first = snapshots_.front().time, last = snapshots_.back().time,
+                 middle = 0.5 * (first + last);
     const Vector3d velocity = (snapshots_.back().centre - snapshots_.front().centre) / (last - first);
     precision_.setZero(3 * m_, 3 * m_);
     VectorXd pull = VectorXd::Zero(3 * m_);
@@ -336,7 +349,8 @@ private:
       addRow(splines_.at(splines_.knot(i + 1) + 0.5 * splines_.step(), 3), jerk, Vector3d::Zero());
     addRow(splines_.at(middle, 2), options_.accelerationPrior, Vector3d::Zero());
     addRow(splines_.at(middle, 1), options_.velocityPrior, velocity);
-    addRow(splines_.at(middle), 1, 0.5 * (snapshots_.back().centre + snapshots_.front().centre)); // within a metre
+    addRow(splines_.at(middle), 1,
+           0.5 * (snapshots_.back().centre + snapshots_.front().centre)); // within a metre
     for (const MotionEstimate& e : options_.motion) {
       MatrixXd rows = MatrixXd::Zero(6, 3 * m_);
       Eigen::Matrix<double, 6, 1> value;
@@ -413,9 +427,11 @@ void check(const std::vector<CentreEstimate>& snapshots, const PathOptions& o) {
     throw std::invalid_argument("the radius is " + std::to_string(o.radius) + " m and the position noise " +
                                 std::to_string(o.positionNoise) + " m; both must be greater than 0");
   if (snapshots.size() < 2 || !(snapshots.back().time > snapshots.front().time))
-    throw std::invalid_argument("a path needs at least two snapshots at different times, in the order of time");
+    throw std::invalid_argument(
+        "a path needs at least two snapshots at different times, in the order of time");
   for (const CentreEstimate& s : snapshots)
-    if (!s.found || !s.wall) throw std::invalid_argument("a snapshot of the path was not found or has no wall");
+    if (!s.found || !s.wall)
+      throw std::invalid_argument("a snapshot of the path was not found or has no wall");
 }
 
 /// Standard deviation per component of a single snapshot, rms.
@@ -450,7 +466,8 @@ double positionNoiseFromTracks(const std::vector<CentreEstimate>& snapshots) {
       const double step = (snapshots[at[i].snapshot].time - snapshots[at[i - 3].snapshot].time) / 3;
       bool even = at[i].snapshot - at[i - 3].snapshot == 3;
       for (int j = 0; j < 3 && even; ++j)
-        even = std::abs(snapshots[at[i - j].snapshot].time - snapshots[at[i - j - 1].snapshot].time - step) < 0.01 * step;
+        even = std::abs(snapshots[at[i - j].snapshot].time - snapshots[at[i - j - 1].snapshot].time - step) <
+               0.01 * step;
       if (!even) continue;
       const Vector3d third = at[i].place - 3 * at[i - 1].place + 3 * at[i - 2].place - at[i - 3].place;
       for (int a = 0; a < 3; ++a) differences.push_back(std::abs(third[a]));
