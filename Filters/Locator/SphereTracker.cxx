@@ -90,6 +90,45 @@ void addWallVelocity(LocatedSphere& sphere, const ParticleIndex& index, const fl
   sphere.wallVelocitySigma = std::sqrt(residual / n * (1 + meanS * meanS / varianceS));
 }
 
+/// The tracers next to the wall. The joint estimate needs those that a path may touch; the flow around the
+/// sphere is told by those farther out, of which a sample of tracks is enough.
+std::shared_ptr<const WallView> wallOf(const LocatedSphere& sphere, const ParticleIndex& index,
+                                       const SeedingDensity& seeding, const SnapshotParticles& particles,
+                                       double radius) {
+  constexpr double Outermost = 1.6, FarInstances = 400; // radii; particles in the outer part
+  WallView wall;
+  wall.ghostRate = sphere.ghostRate;
+  wall.positionNoise = sphere.positionNoise;
+  wall.reach = std::min(radius, std::max(0.1 * radius, 6 * std::sqrt(sphere.covariance.trace())));
+  wall.tilt = seeding.expectedGradient(sphere.centre, radius);
+  const double step = 0.05 * radius;
+  for (int a = 0; a < 3; ++a) {
+    const Vector3d e = step * Vector3d::Unit(a);
+    wall.bend.col(a) = (seeding.expectedGradient(sphere.centre + e, radius) -
+                        seeding.expectedGradient(sphere.centre - e, radius)) /
+                       (2 * step);
+  }
+  wall.bend = 0.5 * (wall.bend + wall.bend.transpose()).eval();
+  const double near = radius + 3 * wall.reach, far = std::max(near, Outermost * radius);
+  const double expected =
+      seeding.expectedWithin(sphere.centre, far) - seeding.expectedWithin(sphere.centre, radius);
+  const std::uint64_t keep = std::uint64_t(std::min(1., FarInstances / std::max(expected, 1.)) * 1024);
+  index.forEachWithin(sphere.centre, far, [&](std::uint32_t id, float dx, float dy, float dz) {
+    WallParticle p;
+    p.offset = {dx, dy, dz};
+    const double distance = p.offset.norm();
+    if (distance < radius - wall.reach) return;
+    if (particles.tracks) p.track = particles.tracks[id];
+    // whole tracks or nothing: by their ids, well mixed
+    const std::uint64_t number = particles.tracks ? std::uint64_t(p.track) : id;
+    if (distance > near && (number * 0x9E3779B97F4A7C15ull >> 54) >= keep) return;
+    if (particles.velocities)
+      p.velocity = Eigen::Map<const Eigen::Vector3f>(particles.velocities + 3 * std::size_t(id));
+    wall.particles.push_back(p);
+  });
+  return std::make_shared<const WallView>(std::move(wall));
+}
+
 } // namespace
 
 SphereTracker::SphereTracker(const TrackerOptions& options) : options_(options) {

@@ -1,4 +1,5 @@
 #pragma once
+#include "CentreEstimate.h"
 #include "PublishedCost.h"
 #include "SphereCapture.h"
 
@@ -23,8 +24,9 @@ struct TrackerOptions {
 
 /// One snapshot as the tracker wants it.
 struct SnapshotParticles {
-  const float* positions = nullptr;  ///< x y z per particle, m
-  const float* velocities = nullptr; ///< three per particle, m/s, or null
+  const float* positions = nullptr;     ///< x y z per particle, m
+  const float* velocities = nullptr;    ///< three per particle, m/s, or null
+  const std::int64_t* tracks = nullptr; ///< id of each particle's track, or null
   std::size_t count = 0;
 };
 
@@ -43,6 +45,7 @@ struct LocatedSphere {
   /// them.
   Eigen::Vector3d wallVelocity = Eigen::Vector3d::Zero();
   double wallVelocitySigma = -1;
+  std::shared_ptr<const WallView> wall; ///< for the joint estimate of several snapshots; null when lost
 };
 
 /// Follows a sphere through snapshots that come in any order. A snapshot's result is decided by its own
