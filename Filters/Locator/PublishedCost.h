@@ -64,10 +64,10 @@ struct PublishedEstimate {
 Criteria publishedCriteria(const ParticleIndex& particles, const FlowField& flow, const Eigen::Vector3d& x,
                            const PublishedCostOptions& options);
 
-/// Where the body at `centre` (m) is going, from the fluid that it drags along: the unit vector along the sum of
-/// |u|^2 u over the nodes within one diameter of it, in which the fluid at the wall outweighs the wake. On the
-/// CFD at Re = 100 it is 0.1 degrees off, and 1 degree when `centre` is half a diameter off. +y where the fluid
-/// is at rest.
+/// Where the body at `centre` (m) is going, from the fluid that it drags along: the unit vector along the sum
+/// of |u|^2 u over the nodes within one diameter of it, in which the fluid at the wall outweighs the wake. On
+/// the CFD at Re = 100 it is 0.1 degrees off, and 1 degree when `centre` is half a diameter off. +y where the
+/// fluid is at rest.
 Eigen::Vector3d directionOfMotion(const FlowField& flow, const Eigen::Vector3d& centre, double diameter);
 
 /// J(x) = D + w1 (-Vin + Vout) + w2 (Qin - Qout), eq. "cost_function".

@@ -31,7 +31,7 @@ SEEDS = (1, 2, 3)
 
 COLUMNS = ("method,study,variation,snapshots,found,converged,mean_shift_d,max_shift_d,drift_d,drift_sigma_d,expected_shift_d,"
            "limit_mean_d,limit_max_d,published_mean_d,published_max_d,holds").split(",")
-WEIGHT_COLUMNS = "w1,w2,snapshots,found,converged_share,jitter_d,mean_shift_d,retained,chosen".split(",")
+WEIGHT_COLUMNS = "w1,w2,snapshots,found,converged_share,jitter_d,mean_shift_d,to_likelihood_d,retained,chosen".split(",")
 SNAPSHOT_COLUMNS = ("method,snapshot,time_s,found,converged,x_m,y_m,z_m,sigma_x_m,sigma_y_m,sigma_z_m,cost,gradient_norm_1_m,iterations,"
                     "particles_inside,offset_void_d,offset_velocity_d,offset_vortex_d,status_text").split(",")
 
@@ -319,7 +319,7 @@ def published_studies(s, wanted):
             for value in values:
                 s.vary("shells", f"{name} = {value:g}", Limit.published(0.05), **{"Shell" + name.upper(): value})
     if "search" in wanted:
-        s.search(Limit())
+        s.search(Limit(mean=0.001))  # published as "negligible", without a number
     if "guess" in wanted:
         s.guess(Limit())
     if "noise" in wanted:
@@ -403,37 +403,34 @@ class Calibration:
     found: np.ndarray
     jitter: np.ndarray     # d
     shift: np.ndarray      # mean distance from the baseline (the published weights), d
+    distance: np.ndarray   # mean distance from the void likelihood's centre, d
     retained: np.ndarray   # bool
     chosen: tuple          # indices, or None
 
 
 def calibrate(s, reference):
-    """Every pair of weights on the grid: do all snapshots converge, and how steadily?
-
-    Retained: as many converged snapshots as any pair has, and a jitter of at most 1.5 times the least among these. Chosen: the retained
-    pair with the least mean jitter of itself and its neighbours on the grid, so that it lies in the region and not on a lucky spot.
-    """
+    """Every pair of weights on the grid: how many snapshots converge, and how steadily?"""
     w1, w2 = (np.array([f * w for f in WEIGHT_FACTORS]) for w in PUBLISHED_WEIGHTS)
     shape = (len(w1), len(w2))
-    converged, found, steadiness, shift = (np.full(shape, np.nan) for _ in range(4))
+    converged, found, steadiness, shift, distance = (np.full(shape, np.nan) for _ in range(5))
     for i, j in itertools.product(range(shape[0]), range(shape[1])):
         track = s.run(WeightVelocity=w1[i], WeightVortex=w2[j])
         converged[i, j], found[i, j] = track.converged.mean(), track.found.sum()
         steadiness[i, j] = jitter(s.recording.times, track, reference, s.d)
         shift[i, j] = _mean(shifts(track, s.baseline, s.d))
-    return choose_weights(w1, w2, converged, found, steadiness, shift)
+        distance[i, j] = _mean(shifts(track, reference, s.d))
+    return Calibration(w1, w2, converged, found, steadiness, shift, distance, *choose_weights(converged, steadiness))
 
 
-def choose_weights(w1, w2, converged, found, steadiness, shift):
-    best = (converged == converged.max()) & np.isfinite(steadiness)
-    if not best.any() or converged.max() == 0:
-        return Calibration(w1, w2, converged, found, steadiness, shift, np.zeros(best.shape, bool), None)
-    retained = best & (steadiness <= 1.5 * steadiness[best].min())
+def choose_weights(converged, steadiness):
+    """Retained: the pairs with as many converged snapshots as any pair has, whose jitter, averaged over the pair and its neighbours on the
+    grid, is at most 1.25 times the least such average. Chosen: that with the least. The average keeps a lucky spot from being chosen."""
+    best = (converged == converged.max()) & (converged > 0) & np.isfinite(steadiness)
     around = np.full(best.shape, np.inf)
-    for i, j in zip(*np.nonzero(retained)):
-        near = steadiness[max(0, i - 1):i + 2, max(0, j - 1):j + 2]
-        around[i, j] = np.nanmean(near)
-    return Calibration(w1, w2, converged, found, steadiness, shift, retained, tuple(int(k) for k in np.unravel_index(np.argmin(around), best.shape)))
+    for i, j in zip(*np.nonzero(best)):
+        around[i, j] = np.nanmean(steadiness[max(0, i - 1):i + 2, max(0, j - 1):j + 2])
+    chosen = tuple(int(k) for k in np.unravel_index(np.argmin(around), best.shape)) if best.any() else None
+    return best & (around <= 1.25 * around.min()), chosen
 
 
 # The command ------------------------------------------------------------------------------------------------------------------------------
@@ -536,7 +533,9 @@ class Run:
             "versions": {"rimflow": pipeline.version(), "paraview": pipeline.paraview_version(), "vtk": pipeline.vtk_version(),
                          "python": platform.python_version(), "numpy": np.__version__},
             "grid_spacing_m": [float(v) for v in recording.flows[0].GetSpacing()] if recording.flows[0] else None,
-            "chosen_weights": chosen_weights(calibration),
+            "chosen_weights": chosen_weights(calibration), "chosen_weights_on_edge": on_edge(calibration),
+            "cost": {method: spread(t.cost) for method, t in tracks.items()},
+            "gradient_norm_1_m": {method: spread(t.gradient_norm) for method, t in tracks.items()},
             "started": self.started, "seconds": round(time.monotonic() - self.clock, 3),
         }
         files.write_json(os.path.join(out, "run.json"), run)
@@ -548,9 +547,15 @@ class Run:
             print(f"{method}: {sum(r.holds == 'yes' for r in judged)} of {len(judged)} variations keep their limits")
         if calibration:
             chosen = chosen_weights(calibration)
-            print(f"weights: w1 = {chosen[0]:.4g}, w2 = {chosen[1]:.4g} converge most steadily" if chosen
-                  else "weights: no pair on the grid converges in any snapshot")
+            print(f"weights: w1 = {chosen[0]:.4g}, w2 = {chosen[1]:.4g} converge most steadily" + ("; they lie on the edge of the grid that was searched" if on_edge(calibration) else "")
+                  if chosen else "weights: no pair on the grid converges in any snapshot")
         print(f"See {os.path.join(self.options.out, 'report', 'index.html')}")
+
+
+def spread(values):
+    """Mean and variability over the snapshots; None where nothing is known."""
+    known = values[np.isfinite(values)]
+    return {name: float(f(known)) for name, f in (("mean", np.mean), ("std", np.std), ("min", np.min), ("max", np.max))} if len(known) else None
 
 
 def chosen_weights(calibration):
@@ -560,10 +565,15 @@ def chosen_weights(calibration):
     return [float(calibration.w1[i]), float(calibration.w2[j])]
 
 
+def on_edge(calibration):
+    """Whether the chosen weights lie on the grid's edge, which does not show where their region ends."""
+    return bool(calibration and calibration.chosen and any(k in (0, n - 1) for k, n in zip(calibration.chosen, calibration.retained.shape)))
+
+
 def weight_rows(c, snapshots):
     for i, j in itertools.product(range(len(c.w1)), range(len(c.w2))):
         yield [f"{c.w1[i]:.6g}", f"{c.w2[j]:.6g}", snapshots, int(c.found[i, j]), f"{c.converged[i, j]:.4g}", f"{c.jitter[i, j]:.6g}",
-               f"{c.shift[i, j]:.6g}", int(c.retained[i, j]), int((i, j) == c.chosen)]
+               f"{c.shift[i, j]:.6g}", f"{c.distance[i, j]:.6g}", int(c.retained[i, j]), int((i, j) == c.chosen)]
 
 
 if __name__ == "__main__":

@@ -31,9 +31,10 @@ def write_report(folder, run, rows, tracks, calibration, recording):
         mine = [r for r in rows if r.method == method]
         if len(mine) > 2:
             pages.append((f"shifts-{method}.png", f"{METHODS[method].capitalize()}: how far the centre moves from the baseline when one thing is "
-                          "changed. Dots: mean over the snapshots, rings: largest. Lines: the limits.", lambda mine=mine: plot_shifts(mine)))
+                          "changed. Dots: mean over the snapshots, rings: largest; below 0.000001 drawn there. Lines: the limits.", lambda mine=mine: plot_shifts(mine)))
     if calibration:
-        pages.append(("weights.png", "Published cost function over its weights: frame-to-frame jitter of the centre, and the snapshots that converged",
+        pages.append(("weights.png", "Published cost function over its weights: frame-to-frame jitter of the centre, the snapshots that converged, and how far "
+                      "the centre is from that of the void likelihood. Steady is not yet true.",
                       lambda: plot_weights(calibration, run)))
     for method, track in tracks.items():
         mine = [r for r in rows if r.method == method]
@@ -92,15 +93,17 @@ def plot_shifts(rows):
 
 
 def plot_weights(c, run):
-    figure, axes = plt.subplots(1, 2, figsize=(11, 5), layout="constrained")
+    figure, axes = plt.subplots(1, 3, figsize=(16, 5), layout="constrained")
     n = len(run["settings"]["snapshots"])
     for ax, values, title in ((axes[0], 100 * c.jitter, "jitter from snapshot to snapshot [% of d]"),
-                              (axes[1], 100 * c.converged, f"snapshots that converged, of {n} [%]")):
-        image = ax.imshow(values.T, origin="lower", cmap="viridis_r" if ax is axes[0] else "viridis", aspect="auto")
-        middle = np.nanmean([np.nanmin(values), np.nanmax(values)])
+                              (axes[1], 100 * c.converged, f"snapshots that converged, of {n} [%]"),
+                              (axes[2], 100 * c.distance, "distance from the void likelihood's centre [% of d]")):
+        image = ax.imshow(values.T, origin="lower", cmap="viridis" if ax is axes[1] else "viridis_r", aspect="auto",
+                          vmin=0, vmax=100 if ax is axes[1] else np.nanmax(values))
+        middle = 0.5 * image.get_clim()[1]
         for i in range(len(c.w1)):
             for j in range(len(c.w2)):
-                dark = (values[i, j] > middle) == (ax is axes[0])
+                dark = (values[i, j] > middle) == (ax is not axes[1])
                 ax.text(i, j, f"{values[i, j]:.3g}", ha="center", va="center", fontsize=9, color="white" if dark else "black")
                 if c.retained[i, j]:
                     ax.add_patch(plt.Rectangle((i - 0.46, j - 0.46), 0.92, 0.92, fill=False, ec="#e0702a", lw=2.5))
@@ -136,7 +139,7 @@ def plot_snapshots(method, track, rows, recording):
             ax.plot(time, track.offsets[:, i] / d, ".-", color=report.COLOURS[i], label=name)
         ax.axhline(0.05, color="black", lw=1.2, label="published limit")
         ax.set_ylabel("minimum of one criterion\nto the centre found [d]")
-        ax.legend(fontsize=8, ncols=4)
+        above(ax, 4)
     ax = next(panels)
     for i, name in enumerate(report.AXES):
         ax.plot(time, 100 * track.sigma[:, i] / d, ".-", color=report.COLOURS[i], label=name)
@@ -144,7 +147,7 @@ def plot_snapshots(method, track, rows, recording):
     ax.axhline(100 * limit.published_mean, color="black", lw=1.2, label="paper, mean")
     ax.axhline(100 * limit.published_max, color="black", lw=1.2, ls="--", label="paper, largest")
     ax.set(yscale="log", ylabel="stated standard\ndeviation [% of d]")
-    ax.legend(fontsize=8, ncols=5)
+    above(ax, 5)
     ax = next(panels)
     studies = [s for s in dict.fromkeys(r.study for r in rows) if s not in ("baseline", "single criterion", "stated uncertainty")]
     for study, colour in zip(studies, plt.cm.tab10.colors):
@@ -152,13 +155,17 @@ def plot_snapshots(method, track, rows, recording):
         ax.plot(time, np.maximum(mean, SHOWN_FROM), ".-", color=colour, label=TITLES[study])
     if studies:
         ax.set(yscale="log")
-        ax.legend(fontsize=8, ncols=3)
+        above(ax, 6)
     ax.set_ylabel("shift, mean over a\nstudy's variations [d]")
     for ax in axes:
         ax.grid(alpha=0.3)
     axes[-1].set_xlabel("time [s]")
     axes[-1].ticklabel_format(axis="x", useOffset=False)
     return figure
+
+
+def above(ax, columns):
+    ax.legend(fontsize=8, ncols=columns, loc="lower left", bbox_to_anchor=(0, 0.98), frameon=False)
 
 
 def number(value):
@@ -173,12 +180,12 @@ def index_html(run, rows, tracks, calibration, pages):
     if run["grid_spacing_m"]:
         head.append(("Grid spacing", f"{1e3 * np.mean(run['grid_spacing_m']):.4g} mm"))
     if "published" in tracks:
-        head.append(("Cost at the minimum", spread(tracks["published"].cost, "J*")))
-        head.append(("Gradient there", spread(0.5 * s["diameter_m"] * tracks["published"].gradient_norm, "R |grad J|")))
+        head.append(("Cost at the minimum", spread(run["cost"]["published"], "J*")))
+        head.append(("Gradient there", spread(run["gradient_norm_1_m"]["published"], "R |grad J|", 0.5 * s["diameter_m"])))
     if calibration:
         chosen = run["chosen_weights"]
         head.append(("Weights that converge most steadily", f"w1 = {chosen[0]:.4g}, w2 = {chosen[1]:.4g} "
-                     f"({int(calibration.retained.sum())} of {calibration.retained.size} pairs retained)" if chosen else "none on the grid"))
+                     f"({int(calibration.retained.sum())} of {calibration.retained.size} pairs retained{'; they lie on the edge of the grid that was searched' if run['chosen_weights_on_edge'] else ''})" if chosen else "none on the grid"))
     head.append(("Computed", f"{run['started']}, {run['seconds']:.1f} s, RIMFlow {run['versions']['rimflow']}, ParaView {run['versions']['paraview']}"))
     table = "\n".join(f"<tr><th>{html.escape(k)}</th><td>{html.escape(v)}</td></tr>" for k, v in head)
     figures = "\n".join(f'<figure><img src="{name}" alt="{html.escape(caption)}"><figcaption>{html.escape(caption)}</figcaption></figure>'
@@ -223,8 +230,8 @@ def summary(method, rows):
 """
 
 
-def spread(values, name):
-    known = values[np.isfinite(values)]
-    if not len(known):
+def spread(known, name, scale=1.0):
+    if known is None:
         return "not known"
-    return f"{name} = {known.mean():.4g} on average, standard deviation {known.std():.3g}, {known.min():.4g} to {known.max():.4g}"
+    mean, std, least, most = (scale * known[key] for key in ("mean", "std", "min", "max"))
+    return f"{name} = {mean:.4g} on average, standard deviation {std:.3g}, {least:.4g} to {most:.4g}"
