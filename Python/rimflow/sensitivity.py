@@ -130,8 +130,11 @@ class Recording:
                     locator.SetInitialGuess(*guess)
                 errors.watch(locator)
             locator.UpdateTimeStep(moment)
-            errors.check()
-            records.append(pipeline.located(locator.GetOutputDataObject(1)))
+            try:
+                errors.check()
+                records.append(pipeline.located(locator.GetOutputDataObject(1)))
+            except pipeline.PipelineError as error:  # this snapshot is lost, the others are not
+                records.append({"status": 2, "status_text": str(error)})
         return Track.of(records)
 
 
@@ -457,7 +460,7 @@ def main(arguments):
 class Run:
     def __init__(self, options):
         self.options, self.clock, self.started = options, time.monotonic(), time.strftime("%Y-%m-%d %H:%M:%S")
-        options.method, self.methods = PUBLISHED, [LIKELIHOOD, PUBLISHED] if options.method == "both" else [options.method]
+        self.methods = [LIKELIHOOD, PUBLISHED] if options.method == "both" else [options.method]
         self.chain = pipeline.Chain(options)
         self.times = self.chain.times()
         selected = sorted(range(len(self.times))[options.steps])
@@ -476,16 +479,15 @@ class Run:
         done = itertools.count(1)
         on_run = lambda: bar.show(next(done))
         reference = Study(recording, LIKELIHOOD, period, on_run)  # cheap, and the calibration's reference
-        found = np.flatnonzero(reference.baseline.found)
-        if not len(found):
-            raise UsageError(f"the sphere was found in none of the {len(self.snapshots)} snapshots: {reference.baseline.texts[0]}")
-        if found[0] == 0:  # so that not every variation has to search the whole volume
+        self.require_a_find(reference.baseline)
+        if reference.baseline.found[0]:  # so that not every variation has to search the whole volume
             recording.first_guess = reference.baseline.centre[0]
         if LIKELIHOOD in self.methods:
             likelihood_studies(reference, self.options.studies)
             tracks[LIKELIHOOD], rows = reference.baseline, rows + reference.rows
         if PUBLISHED in self.methods:
             study = Study(recording, PUBLISHED, period, on_run)
+            self.require_a_find(study.baseline)
             published_studies(study, self.options.studies)
             tracks[PUBLISHED], rows = study.baseline, rows + study.rows
             if "calibration" in self.options.studies:
@@ -493,6 +495,10 @@ class Run:
         run = self.write(recording, rows, tracks, calibration)
         write_report(os.path.join(self.options.out, "report"), run, rows, tracks, calibration, recording)
         self.say(rows, calibration)
+
+    def require_a_find(self, baseline):
+        if not baseline.found.any():
+            raise UsageError(f"the sphere was found in none of the {len(self.snapshots)} snapshots: {baseline.texts[0]}")
 
     def count_runs(self):
         likelihood = {"search": 2, "guess": 6, "model": 5, "noise": 6, "drop": 3}

@@ -132,7 +132,8 @@ def plot_snapshots(method, track, rows, recording):
         ax.plot(time, track.cost, ".-", color=PLAIN, label="cost J at the minimum")
         ax.set_ylabel("J*")
         other = ax.twinx()
-        other.semilogy(time, 0.5 * d * track.gradient_norm, "x", color=BAD)
+        other.plot(time, 0.5 * d * track.gradient_norm, "x", color=BAD)
+        logarithmic(other)
         other.set_ylabel("R |grad J| where\nthe search ended (x)", color=BAD)
         ax = next(panels)
         for i, name in enumerate(("void density", "velocity", "vortices")):
@@ -146,7 +147,8 @@ def plot_snapshots(method, track, rows, recording):
     limit = next(r.limit for r in rows if r.study == "stated uncertainty")
     ax.axhline(100 * limit.published_mean, color="black", lw=1.2, label="paper, mean")
     ax.axhline(100 * limit.published_max, color="black", lw=1.2, ls="--", label="paper, largest")
-    ax.set(yscale="log", ylabel="stated standard\ndeviation [% of d]")
+    ax.set_ylabel("stated standard\ndeviation [% of d]")
+    logarithmic(ax)
     above(ax, 5)
     ax = next(panels)
     studies = [s for s in dict.fromkeys(r.study for r in rows) if s not in ("baseline", "single criterion", "stated uncertainty")]
@@ -155,13 +157,21 @@ def plot_snapshots(method, track, rows, recording):
         ax.plot(time, np.maximum(mean, SHOWN_FROM), ".-", color=colour, label=TITLES[study])
     if studies:
         ax.set(yscale="log")
-        above(ax, 6)
+        above(ax, 3)
     ax.set_ylabel("shift, mean over a\nstudy's variations [d]")
     for ax in axes:
         ax.grid(alpha=0.3)
     axes[-1].set_xlabel("time [s]")
     axes[-1].ticklabel_format(axis="x", useOffset=False)
     return figure
+
+
+def logarithmic(ax):
+    """A logarithmic y axis over a decade or two, with plain numbers at 1, 2, 5."""
+    ax.set_yscale("log")
+    ax.yaxis.set_major_locator(plt.LogLocator(subs=(1, 2, 5)))
+    ax.yaxis.set_major_formatter(plt.FuncFormatter(lambda value, _: f"{value:g}"))
+    ax.yaxis.set_minor_locator(plt.NullLocator())
 
 
 def above(ax, columns):
