@@ -240,7 +240,7 @@ void vtkInvisibleSphereLocator::RenewTracker() {
     settings.insert(settings.end(),
                     {this->UpDirection[0], this->UpDirection[1], this->UpDirection[2], this->WeightVelocity,
                      this->WeightVortex, this->ShellA, this->ShellB, this->ShellC, this->ShellE,
-                     this->FiniteDifferenceStep, double(this->MaximumIterations)});
+                     this->FiniteDifferenceStep, this->Tolerance, double(this->MaximumIterations)});
   const vtkMTimeType upstream = rimflow::upstreamMTime(this);
   if (state.tracker && settings == state.settings && upstream == state.upstream) return;
 
@@ -259,6 +259,7 @@ void vtkInvisibleSphereLocator::RenewTracker() {
   o.published.c = this->ShellC;
   o.published.e = this->ShellE;
   o.published.step = this->FiniteDifferenceStep;
+  o.published.tolerance = this->Tolerance;
   o.published.maximumIterations = this->MaximumIterations;
   if (this->UseInitialGuess) o.guess = Eigen::Vector3d(this->InitialGuess);
   state = Internals();

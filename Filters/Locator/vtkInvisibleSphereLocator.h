@@ -98,7 +98,8 @@ public:
   ///@}
 
   ///@{
-  /// Published cost: the direction against gravity. Default (0, 1, 0).
+  /// Published cost: the direction against gravity, of any length. Default (0, 0, 0): the direction of the
+  /// sphere's motion, from the flow around it.
   vtkSetVector3Macro(UpDirection, double);
   vtkGetVector3Macro(UpDirection, double);
   ///@}
@@ -131,6 +132,12 @@ public:
   ///@}
 
   ///@{
+  /// Published cost: epsilon; the search stops when the radius times |grad J| is below, >= 0. Default 0.001.
+  vtkSetClampMacro(Tolerance, double, 0, VTK_DOUBLE_MAX);
+  vtkGetMacro(Tolerance, double);
+  ///@}
+
+  ///@{
   /// Published cost: conjugate-gradient steps at most, >= 1. Default 100.
   vtkSetClampMacro(MaximumIterations, int, 1, VTK_INT_MAX);
   vtkGetMacro(MaximumIterations, int);
@@ -159,7 +166,7 @@ protected:
   bool ProcessAllTimes = false;
   double PositionNoise = 0;
   double GhostRate = -1;
-  double UpDirection[3] = {0, 1, 0};
+  double UpDirection[3] = {0, 0, 0};
   double WeightVelocity = 3.077;
   double WeightVortex = 4.415;
   double ShellA = 1.1;
@@ -167,6 +174,7 @@ protected:
   double ShellC = 2;
   double ShellE = 2.5;
   double FiniteDifferenceStep = 0;
+  double Tolerance = 1e-3;
   int MaximumIterations = 100;
   int SphereResolution = 64;
 

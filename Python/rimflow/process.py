@@ -230,7 +230,7 @@ class Run:
         if options.images:  # last: without a working display ParaView ends the process
             from rimflow import images
 
-            images.draw(options.out, trajectory, options.tracks, options.up)
+            images.draw(options.out, trajectory, options.tracks, options.up or (0, 1, 0))
             write_report(self.path("report"), trajectory, run)
         counts = run["snapshots"]
         print(f"{counts['selected']} snapshots: {counts['found']} found, {counts['predicted']} predicted, {counts['lost']} lost. "
