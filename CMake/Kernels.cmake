@@ -30,6 +30,7 @@ add_library(rimflow_kernels STATIC
   Filters/Locator/PublishedCost.cxx
   Filters/Locator/SeedingDensity.cxx
   Filters/Locator/SphereCapture.cxx
+  Filters/Locator/SphereGroup.cxx
   Filters/Locator/SphereTracker.cxx
   Filters/Locator/TrajectorySmoother.cxx
   Filters/Locator/VoidLikelihood.cxx
