@@ -305,7 +305,7 @@ CaptureResult captureSphere(const ParticleIndex& particles, SeedingDensity& seed
   if (!finds.empty()) {
     // In thin seeding the last particles matter: place the best few exactly.
     int placed = 0;
-    for (std::size_t f = 0; f < finds.size() && placed < 3; ++f) {
+    for (std::size_t f = 0; f < std::min<std::size_t>(finds.size(), 6) && placed < 3; ++f) {
       close.searchSide = 0.2 * radius;
       finds[f].second = locateVoid(particles, seeding, finds[f].second.centre, close);
       finds[f].first = logFalseAlarm(finds[f].second, places);
@@ -317,6 +317,8 @@ CaptureResult captureSphere(const ParticleIndex& particles, SeedingDensity& seed
       ++placed;
       if (finds[f].first < 10 * limit) break; // beyond doubt
     }
+    if (open && placed == 0)
+      finds.resize(std::min<std::size_t>(finds.size(), 6)); // the rest was not looked at
     std::stable_sort(finds.begin(), finds.end(), better);
     const VoidEstimate best = finds.front().second;
     result.diameter = best.diameter;
