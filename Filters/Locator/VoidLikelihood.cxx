@@ -109,7 +109,11 @@ Eigen::Vector3d moveClear(const Box& box, const std::vector<Body>& others, Eigen
   for (int turn = 0; turn < 10 && !clearOf(others, x, radius); ++turn) {
     for (const Body& other : others) {
       const double missing = (1 - 0.9 * Overlap) * radius - other.signedDistance(x);
-      if (missing > 0) x += missing * (x - other.centre).normalized();
+      if (missing <= 0) continue;
+      Eigen::Vector3d away = x - other.centre;
+      if (away.norm() < 1e-6 * radius) away = 0.5 * (box.lower + box.upper) - other.centre;
+      if (away.norm() < 1e-6 * radius) away = Eigen::Vector3d::UnitX();
+      x += missing * away.normalized();
     }
     x = box.clamp(x);
   }
