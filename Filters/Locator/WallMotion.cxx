@@ -131,7 +131,6 @@ public:
     m.angularVelocity = rotationRoot * state_.segment<3>(Rotation);
     m.angularVelocityCovariance = carried(rotationRoot, Rotation);
     m.centreCorrection = centreRoot_ * state_.segment<3>(Centre);
-    m.centreCovariance = carried(centreRoot_, Centre);
     m.particles = int(samples_.size());
     m.tracks = tracks_;
     m.residual = std::sqrt((y_ - design_ * state_).squaredNorm() / double(y_.size()));

@@ -29,10 +29,9 @@ struct WallMotion {
   Eigen::Matrix3d velocityCovariance = Eigen::Matrix3d::Zero();        ///< m2/s2
   Eigen::Vector3d angularVelocity = Eigen::Vector3d::Zero();           ///< omega, rad/s
   Eigen::Matrix3d angularVelocityCovariance = Eigen::Matrix3d::Zero(); ///< rad2/s2
-  /// What the flow next to the wall says of the centre: the true one less the given one, m, and the
-  /// covariance that is left of the one given, m2.
+  /// The true centre less the given one, m, as far as the flow next to the wall tells; 0 without a
+  /// centreCovariance. Better than nothing, but not to be trusted: see methods-locator.md.
   Eigen::Vector3d centreCorrection = Eigen::Vector3d::Zero();
-  Eigen::Matrix3d centreCovariance = Eigen::Matrix3d::Zero();
   int particles = 0, tracks = 0; ///< that were used; a particle of unknown track counts as a track
   double residual = 0;           ///< root mean square of what the fit leaves of a velocity component, m/s
 };
