@@ -20,9 +20,8 @@ using Eigen::Vector3d;
 using Eigen::VectorXd;
 
 constexpr int Degree = 4, Modes = 2;
-constexpr double Decay = 4; // of the prior variances with the degree
-constexpr double FirstDegree =
-    3; // the prior amplitude of degree 1, that of Stokes flow, over the others' rule
+constexpr double Decay = 4;         // of the prior variances with the degree
+constexpr double FirstDegree = 3;   // prior amplitude of degree 1 (Stokes flow) over what the decay gives
 constexpr double ScaleStep = 0.8;   // of the average over the scales
 constexpr double LeastNoise = 0.02; // of the scatter of the velocities
 constexpr double Rejection = 5;     // standard deviations
