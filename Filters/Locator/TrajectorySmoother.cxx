@@ -22,6 +22,8 @@ using State = Eigen::Matrix<double, 12, 1>;
 using StateMatrix = Eigen::Matrix<double, 12, 12>;
 enum Part { Centre = 0, Velocity = 3, Acceleration = 6, Correlated = 9 };
 
+constexpr double FreeAcceleration = 10; // m/s2: standard deviation where nothing is known
+
 struct Parameters {
   double jerkIntensity = 1, correlatedFraction = 0, correlationTime = 1, inflation = 1,
          accelerationPrior = 10;
@@ -258,7 +260,7 @@ double likelyJerk(Smoother& smoother, Parameters p, double& best) {
 /// The largest standard deviation of the acceleration that is hardly less likely than the most likely one: a
 /// looser prior only adds noise to the velocity.
 double freestAcceleration(Smoother& smoother, Parameters p) {
-  constexpr double Sigmas[] = {10, 3, 1, 0.3, 0.1, 0.03, 0.01};
+  constexpr double Sigmas[] = {FreeAcceleration, 3, 1, 0.3, 0.1, 0.03, 0.01};
   std::vector<double> deviances;
   for (const double sigma : Sigmas) {
     p.accelerationPrior = sigma;
@@ -431,12 +433,18 @@ SmoothedTrajectory smoothTrajectory(const std::vector<CentreEstimate>& estimates
   std::iota(order.begin(), order.end(), 0);
   std::stable_sort(order.begin(), order.end(),
                    [&](std::size_t a, std::size_t b) { return estimates[a].time < estimates[b].time; });
+  // What the record says of the acceleration holds between its finds; before and after them it may be anything.
+  Parameters outside = p;
+  outside.accelerationPrior = std::max(p.accelerationPrior, FreeAcceleration);
+  const std::vector<Gaussian> within = smoother.smooth(p), beyond = smoother.smooth(outside);
+  const auto& used = smoother.used();
+  const std::size_t firstFound = std::size_t(std::find(used.begin(), used.end(), true) - used.begin());
+  const std::size_t lastFound = std::size_t(used.rend() - std::find(used.rbegin(), used.rend(), true)) - 1;
   std::vector<SmoothedCentre> points;
-  const std::vector<Gaussian> smoothed = smoother.smooth(p);
   for (std::size_t k = 0; k < order.size(); ++k) {
-    const Gaussian& g = smoothed[k];
-    points.push_back({smoother.used()[k] ? CentreStatus::Found : CentreStatus::Predicted,
-                      g.mean.segment<3>(Centre), g.mean.segment<3>(Velocity), g.mean.segment<3>(Acceleration),
+    const Gaussian& g = k < firstFound || k > lastFound ? beyond[k] : within[k];
+    points.push_back({used[k] ? CentreStatus::Found : CentreStatus::Predicted, g.mean.segment<3>(Centre),
+                      g.mean.segment<3>(Velocity), g.mean.segment<3>(Acceleration),
                       g.covariance.block<3, 3>(Centre, Centre), g.covariance.block<3, 3>(Velocity, Velocity),
                       g.covariance.block<3, 3>(Acceleration, Acceleration)});
   }
