@@ -433,7 +433,8 @@ SmoothedTrajectory smoothTrajectory(const std::vector<CentreEstimate>& estimates
   std::iota(order.begin(), order.end(), 0);
   std::stable_sort(order.begin(), order.end(),
                    [&](std::size_t a, std::size_t b) { return estimates[a].time < estimates[b].time; });
-  // What the record says of the acceleration holds between its finds; before and after them it may be anything.
+  // What the record says of the acceleration holds between its finds; before and after them it may be
+  // anything.
   Parameters outside = p;
   outside.accelerationPrior = std::max(p.accelerationPrior, FreeAcceleration);
   const std::vector<Gaussian> within = smoother.smooth(p), beyond = smoother.smooth(outside);
