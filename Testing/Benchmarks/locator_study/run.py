@@ -46,34 +46,35 @@ def parse(argv):
     return arguments
 
 
-CASES = []  # what the worker processes inherit
+SUBJECTS = []  # what the worker processes inherit: cases, each once
 
 
 def work(job):
     k, arguments = job
-    return job, studies.RUNS[CASES[k].tracks](CASES[k], *arguments)
+    return job, studies.RUNS[SUBJECTS[k].tracks](SUBJECTS[k], *arguments)
 
 
-def measure(cases, processes):
-    """The rows of results.csv, in the order of the cases."""
-    CASES[:] = cases
-    todo = studies.jobs(cases)
-    waiting = [sum(k == j for j, _ in todo) for k in range(len(cases))]
+def measure(cases, processes, keep):
+    """Hands the rows of results.csv, in the order of the cases, to keep(rows) whenever a case is done: so a run that is stopped leaves what it has."""
+    SUBJECTS[:] = dict.fromkeys(c.subject for c in cases)
+    todo = studies.jobs(SUBJECTS)
+    waiting = [sum(k == j for j, _ in todo) for k in range(len(SUBJECTS))]
     parts, start = {}, time.perf_counter()
 
-    def rows(k):
-        return studies.rows(cases[k], [r for job in sorted(j for j in parts if j[0] == k) for r in parts[job]])
+    def rows(case):
+        k = SUBJECTS.index(case.subject)
+        return studies.rows(case, [r for job in sorted(j for j in parts if j[0] == k) for r in parts[job]])
 
     with multiprocessing.get_context("fork").Pool(processes) as pool:
         for done, (job, found) in enumerate(pool.imap_unordered(work, todo)):
             k, parts[job] = job[0], found
             waiting[k] -= 1
             if not waiting[k]:
-                for r in rows(k):
+                for r in rows(next(c for c in cases if c.subject == SUBJECTS[k])):
                     print(f"[{done + 1}/{len(todo)}, {time.perf_counter() - start:.0f} s] {r['study']}, {r['case']}, {r['tracks']}, {r['method']}, {r['estimate']}: "
                           f"found {r['found']} of {r['snapshots']}, wrong {r['wrong']}, extra {r['extra']}, error {r['mean_error']} (largest {r['largest_error']}), "
                           f"stated {r['stated_mean']}, chi2 {r['chi2_per_dof']}", flush=True)
-    return [r for k in range(len(cases)) for r in rows(k)]
+                keep([r for case in cases if not waiting[SUBJECTS.index(case.subject)] for r in rows(case)])
 
 
 def main(argv=None):
@@ -87,9 +88,8 @@ def main(argv=None):
             cases = [c for c in cases if c.study in arguments.studies]
         part = arguments.studies or not arguments.slow_frames
         kept = [r for r in read_rows(path) if part and (r["study"], r["tracks"], r["method"]) not in {(c.study, c.tracks, c.method) for c in cases}]
-        found = measure(cases, arguments.jobs)
         order = list(dict.fromkeys(c.study for c in studies.all_cases(1, 1)))
-        write_rows(path, studies.COLUMNS, sorted(kept + found, key=lambda r: order.index(r["study"])))
+        measure(cases, arguments.jobs, lambda found: write_rows(path, studies.COLUMNS, sorted(kept + found, key=lambda r: order.index(r["study"]))))
     tables = page.write(out, read_rows(path))
     if arguments.page:
         fill(os.path.join(studies.SOURCE, "Documentation", "validation-locator.md"), tables)

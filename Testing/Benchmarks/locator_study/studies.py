@@ -41,8 +41,13 @@ class Case:
 
     @property
     def name(self):
-        """The same for both methods: they get the same snapshots."""
-        return f"{self.study} {self.label}"
+        """Of the snapshots: the same for both methods and in all studies."""
+        return f"{self.cloud} {self.part} {self.acceleration}"
+
+    @property
+    def subject(self):
+        """What is measured: the same in several studies, whose usual case it is."""
+        return replace(self, study="", label="", value=0)
 
     @property
     def on_cfd(self):
@@ -205,12 +210,12 @@ def all_cases(frames, slow):
     kinds = [("seeding", f"{n:g} per mm3", n, replace(base, density=n * 1e9)) for n in (0.05, 0.1, 0.2, 0.4, 0.8)]
     kinds += [("noise", f"{n} um", n, replace(base, noise=n * 1e-6)) for n in (0, 5, 10, 20, 40)]
     kinds += [("ghosts", f"{100 * g:g} %", 100 * g, replace(base, ghosts=g)) for g in (0, 0.005, 0.02, 0.05, 0.1)]
-    kinds += [("wake depth", f"{100 * w:g} %, 0.8 R wide", 100 * w, replace(base, wake_depth=w)) for w in (0, 0.25, 0.5, 0.8, 0.95)]
-    kinds += [("wake width", f"95 %, {w:g} R wide", w, replace(base, wake_depth=0.95, wake_width=w)) for w in (0.5, 0.65, 0.8, 0.9)]
-    kinds += [("edge", f"{e:g} R inside a face", e, replace(base, edge=(e,))) for e in (1, 0.75, 0.5, 0.25, 0)]
+    kinds += [("wake depth", f"{100 * w:g} %, radius 0.8 R", 100 * w, replace(base, wake_depth=w)) for w in (0, 0.25, 0.5, 0.8, 0.95)]
+    kinds += [("wake width", f"95 %, radius {w:g} R", w, replace(base, wake_depth=0.95, wake_width=w)) for w in (0.5, 0.65, 0.8, 0.9)]
+    kinds += [("edge", f"{e:g} R inside a face" if e else "on a face", e, replace(base, edge=(e,))) for e in (1, 0.75, 0.5, 0.25, 0)]
     kinds += [("corner", f"0 to R from {n} faces", n, replace(base, edges=n)) for n in (2, 3)]
     kinds += [("light sheet", f"sheet of 6 mm, {1e3 * z:g} mm off its middle", 1e3 * z, replace(sheet, sheet_offset=z)) for z in (0, 4e-3, 8e-3)]
-    kinds += [("thin side", f"one half at {100 * t:g} %", 100 * t, replace(base, thin_side=t)) for t in (0.5, 0.2)]
+    kinds += [("thin side", f"in one half {100 * t:g} % of that in the other", 100 * t, replace(base, thin_side=t)) for t in (0.5, 0.2)]
     kinds += [("diameter", f"{d:g} mm", d, replace(base, diameter=d * 1e-3)) for d in (7.93, 9.53, 11.11)]
     cases = [Case(study, label, value, "cloud", VOID, cloud, frames) for study, label, value, cloud in kinds]
 
