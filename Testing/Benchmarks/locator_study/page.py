@@ -13,6 +13,7 @@ from tables import markdown, numbers, unique
 
 COLOUR = {VOID: "#0072b2", PUBLISHED: "#d55e00"}  # Okabe and Ito's
 MARKER = {VOID: "o", PUBLISHED: "s"}
+LEAST = 0.1           # foot of the axis of chi-squared
 CHI2 = 0.5, 2.0       # the stated uncertainty is true while chi-squared per degree of freedom lies between
 PAPER = {7.93: (1.1, 8.1), 9.53: (1.2, 7.7), 11.11: (0.7, 4.0)}  # Jose et al. 2025, tab:uncertainties: d in mm -> mean, largest in % of d
 CLOUDS = {"seeding": "seeding", "noise": "position noise", "ghosts": "ghosts in the sphere", "wake depth": "wake depleted by", "wake width": "wake depleted by",
@@ -26,11 +27,6 @@ def value(row, column):
 def percent(row, column, digits=2):
     v = 100 * value(row, column)
     return "-" if np.isnan(v) else f"{v:.{digits}f}"
-
-
-def pooled(rows, column, how=np.mean):
-    found = [value(r, column) for r in rows if r[column] != ""]
-    return float(how(found)) if found else np.nan
 
 
 def chi2_text(row):
@@ -102,10 +98,14 @@ def paper_table(rows):
     return markdown(["diameter", "paper: stated", "published cost here: stated", "its true error", "void likelihood: stated", "its true error"], lines)
 
 
+def grid_rows(rows):
+    return sorted(numbers(rows, study="grid", estimate="single"), key=lambda r: (r["tracks"] == "Stokes", float(r["value"])))
+
+
 def grid_table(rows):
-    return markdown(["grid spacing", "found", "error, % of d: mean", "largest", "stated, % of d", "chi2 per dof"],
-                    [[f"{1e3 * value(r, 'grid_spacing_m'):.2f} mm ({r['case']})", found_text(r), percent(r, "mean_error"), percent(r, "largest_error"), percent(r, "stated_mean"),
-                      chi2_text(r)] for r in numbers(rows, study="grid")])
+    return markdown(["flow", "grid spacing", "found", "error, % of d: mean", "largest", "stated, % of d", "chi2 per dof"],
+                    [[r["tracks"].split()[0], f"{1e3 * value(r, 'grid_spacing_m'):.2f} mm ({r['case']})", found_text(r), percent(r, "mean_error"), percent(r, "largest_error"),
+                      percent(r, "stated_mean"), chi2_text(r)] for r in grid_rows(rows)])
 
 
 def weak_table(rows):
@@ -143,28 +143,32 @@ def band(ax, direction="h"):
     line(1, color="#009e73", lw=1)
 
 
-def error_lines(ax, rows, method, scale=1):
+def error_lines(ax, rows, method):
     """Mean and largest error over the case's value."""
     rows = sorted((r for r in rows if r["mean_error"] != ""), key=lambda r: float(r["value"]))
     if not rows:
         return
-    x = [scale * float(r["value"]) for r in rows]
+    x = [float(r["value"]) for r in rows]
     look = {"color": COLOUR[method], "marker": MARKER[method], "ms": 5}
     ax.plot(x, [100 * value(r, "mean_error") for r in rows], "-", lw=2, label=f"{method}: mean error", **look)
     ax.plot(x, [100 * value(r, "largest_error") for r in rows], ":", lw=1.2, mfc="none", label=f"{method}: largest error", **look)
     ax.plot(x, [100 * value(r, "stated_mean") for r in rows], "--", lw=1, color=COLOUR[method], label=f"{method}: stated sigma")
 
 
-def chi2_line(ax, rows, method, scale=1, **look):
+def chi2_line(ax, rows, method, **look):
+    """Over the case's value; what lies below the axis stands at its foot, as a triangle that points down."""
     rows = sorted((r for r in rows if r["chi2_per_dof"] != ""), key=lambda r: float(r["value"]))
-    ax.plot([scale * float(r["value"]) for r in rows], [value(r, "chi2_per_dof") for r in rows], **{"color": COLOUR[method], "marker": MARKER[method], "lw": 2, **look})
+    x, y = (np.array([f(r) for r in rows]) for f in (lambda r: float(r["value"]), lambda r: value(r, "chi2_per_dof")))
+    look = {"color": COLOUR[method], "marker": MARKER[method], "lw": 2, **look}
+    ax.plot(x, np.maximum(y, LEAST), **look)
+    if (y < LEAST).any():
+        ax.plot(x[y < LEAST], np.full((y < LEAST).sum(), LEAST), "v", color=COLOUR[method], ms=10, clip_on=False, zorder=4)
 
 
 def chi2_axis(ax, x, log="y"):
     band(ax)
     ax.set_yscale("log")
-    low, high = ax.get_ylim()
-    ax.set_ylim(max(min(low, 0.3), 1e-4), max(high, 4))
+    ax.set_ylim(LEAST, max(ax.get_ylim()[1], 4))
     finish(ax, x, "chi$^2$ per degree of freedom [-]", log)
 
 
@@ -184,7 +188,7 @@ def seeding_plot(rows):
         if here:
             x = [0.36 * float(r["value"]) for r in here]  # the demo after its 10 % drop-out, per mm3
             left.plot(x, [100 * value(r, "mean_error") for r in here], "-.", color=COLOUR[method], marker="^", ms=7, mfc="none", lw=1, label=f"{method}: mean error, CFD sphere")
-            right.plot(x, [value(r, "chi2_per_dof") for r in here], "-.", color=COLOUR[method], marker="^", ms=7, mfc="none", lw=1)
+            chi2_line(right, [{**r, "value": v} for r, v in zip(here, x)], method, linestyle="-.", marker="^", ms=7, mfc="none", lw=1)
     n = np.array([0.05, 0.8])
     left.plot(n, 100 / (n * np.pi * 5.555**2) / 11.11, color="0.5", lw=1)
     left.annotate("1/(n $\\pi$ R$^2$): the scale of\nwhat one snapshot can tell", (0.4, 100 / (0.4 * np.pi * 5.555**2) / 11.11), textcoords="offset points", xytext=(-8, -6),
@@ -207,15 +211,15 @@ def seeding_plot(rows):
 
 
 def conditions_plot(rows):
-    panels = [("noise", "position noise [$\\mu$m]", 1), ("ghosts", "ghosts in the sphere [%]", 1), ("wake depth", "tracers missing in the wake [%]", 1),
-              ("wake width", "radius of the wake (95 % missing) [R]", 1), ("edge", "centre inside a face by [R]", 1), ("light sheet", "centre off the sheet's middle [mm]", 1)]
+    panels = [("noise", "position noise [$\\mu$m]"), ("ghosts", "ghosts in the sphere [%]"), ("wake depth", "missing in the wake [%]"),
+              ("wake width", "radius of a 95 % wake [R]"), ("edge", "centre inside a face by [R]"), ("light sheet", "off the sheet's middle [mm]")]
     figure, axes = plt.subplots(2, len(panels), figsize=(16, 6.4), sharex="col", sharey="row")
-    for column, (study, text, scale) in zip(axes.T, panels):
+    for column, (study, text) in zip(axes.T, panels):
         found = numbers(rows, study=study)
         for method, tracks in ((VOID, "cloud"), (PUBLISHED, "Stokes")):
             here = numbers(found, method=method, tracks=tracks)
-            error_lines(column[0], here, method, scale)
-            chi2_line(column[1], here, method, scale)
+            error_lines(column[0], here, method)
+            chi2_line(column[1], here, method)
         column[0].set_yscale("log")
         finish(column[0], "", "error of the centre [% of d]")
         chi2_axis(column[1], text)
@@ -314,17 +318,20 @@ def stated_plot(rows):
 
 
 def grid_plot(rows):
-    figure, ax = plt.subplots(figsize=(7, 4.2))
-    found = sorted(numbers(rows, study="grid"), key=lambda r: float(r["value"]))
-    x = [1e3 * value(r, "grid_spacing_m") for r in found]
-    for column, line, name in (("mean_error", "-", "mean error"), ("largest_error", ":", "largest error"), ("stated_mean", "--", "stated sigma")):
-        y = [100 * value(r, column) for r in found]
-        ax.plot(x, y, line, color=COLOUR[PUBLISHED], marker="s", ms=5)
-        ax.annotate(name, (x[-1], y[-1]), textcoords="offset points", xytext=(6, 0), fontsize=9, va="center", color=COLOUR[PUBLISHED])
-    ax.set_yscale("log")
-    ax.set_xlim(right=max(x) * 1.22)
-    finish(ax, "grid spacing of the flow [mm]", "error of the centre [% of d]")
-    ax.set_title("Published cost against the grid spacing: Stokes flow, 0.4 tracers per mm$^3$, d = 11.11 mm", fontsize=10)
+    flows = unique(grid_rows(rows), "tracks")
+    figure, axes = plt.subplots(1, len(flows), figsize=(5.5 * len(flows), 4.2), sharey=True, squeeze=False)
+    for ax, tracks in zip(axes[0], flows):
+        found = numbers(grid_rows(rows), tracks=tracks)
+        x = [1e3 * value(r, "grid_spacing_m") for r in found]
+        for column, line, name in (("mean_error", "-", "mean error"), ("largest_error", ":", "largest error"), ("stated_mean", "--", "stated sigma")):
+            y = [100 * value(r, column) for r in found]
+            ax.plot(x, y, line, color=COLOUR[PUBLISHED], marker="s", ms=5)
+            ax.annotate(name, (x[-1], y[-1]), textcoords="offset points", xytext=(6, 0), fontsize=9, va="center", color=COLOUR[PUBLISHED])
+        ax.set_yscale("log")
+        ax.set_xlim(right=max(x) * 1.3)
+        ax.set_title({"Stokes": "Stokes flow, d = 11.11 mm", "CFD series": "CFD, d = 9.53 mm"}[tracks], fontsize=10)
+        finish(ax, "grid spacing of the flow [mm]", "error of the centre [% of d]")
+    figure.suptitle("Published cost against the grid spacing", fontsize=11)
     figure.tight_layout()
     return figure
 

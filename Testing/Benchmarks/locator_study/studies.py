@@ -134,6 +134,7 @@ def whole_series(case, seed):
     source, truth = (cfd_series if case.on_cfd else stokes_series)(case, seed)
     chain = case.chain()
     chain.connect(source)
+    chain.scale_spacing(case.spacing)
     chain.locator.ProcessAllTimesOn()
     times = times_of(source)
     chain.update(times[0])
@@ -223,6 +224,7 @@ def all_cases(frames, slow):
             ("wake depth", 50), ("wake depth", 95), ("edge", 1), ("edge", 0.5), ("edge", 0), ("diameter", 7.93), ("diameter", 9.53), ("diameter", 11.11)}
     cases += [Case(study, label, value, "Stokes", method, cloud, slow) for study, label, value, cloud in kinds if (study, value) in both for method in (VOID, PUBLISHED)]
     cases += [Case("grid", f"{h:g} of the default spacing", h, "Stokes", PUBLISHED, base, slow, spacing=h) for h in (0.5, 0.75, 1, 1.25, 1.5)]
+    cases += [Case("grid", f"{h:g} of the default spacing", h, "CFD series", PUBLISHED, spacing=h) for h in (0.75, 1, 1.25, 1.5)]
 
     empty = replace(base, sphere=False)
     none = [("uniform", empty), ("clustered", replace(empty, background="clustered")), ("light sheet of 6 mm", replace(empty, sheet=6e-3)),
