@@ -116,7 +116,7 @@ def weak_table(rows):
         faults = [f"chi2 per dof {chi2:.2f}"] * (not CHI2[0] <= chi2 <= CHI2[1] and not empty and r["found"] != "0" and (r["tracks"] == "cloud" or chi2 > CHI2[1]))
         faults += [f"{r['wrong']} of {r['snapshots']} finds wrong"] * (r["wrong"] != "0") + [f"{r['extra']} false finds in {r['snapshots']}"] * (r["extra"] != "0")
         lost = int(r["snapshots"]) - int(r["found"]) - int(r["wrong"])
-        faults += [f"{lost} of {r['snapshots']} lost"] * (lost > 0 and not empty)
+        faults += [f"{lost} of {r['snapshots']} lost"] * (lost > 0 and not empty and r["estimate"] == "single")
         if faults:
             lines.append([r["tracks"], label(r) if r["study"] in CLOUDS else f"{r['study']}: {r['case']}", r["estimate"], "; ".join(faults)])
     return markdown(["tracks", "case", "estimate", "what is off"], lines or [["none", "", "", ""]])

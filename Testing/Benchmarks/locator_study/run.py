@@ -75,6 +75,8 @@ def measure(cases, processes, keep):
                           f"found {r['found']} of {r['snapshots']}, wrong {r['wrong']}, extra {r['extra']}, error {r['mean_error']} (largest {r['largest_error']}), "
                           f"stated {r['stated_mean']}, chi2 {r['chi2_per_dof']}", flush=True)
                 keep([r for case in cases if not waiting[SUBJECTS.index(case.subject)] for r in rows(case)])
+        pool.close()
+        pool.join()  # leaving `with` alone would kill the processes, and VTK prints a stack trace for each
 
 
 def main(argv=None):
