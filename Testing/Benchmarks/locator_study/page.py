@@ -158,6 +158,8 @@ def error_lines(ax, rows, method):
 def chi2_line(ax, rows, method, **look):
     """Over the case's value; what lies below the axis stands at its foot, as a triangle that points down."""
     rows = sorted((r for r in rows if r["chi2_per_dof"] != ""), key=lambda r: float(r["value"]))
+    if not rows:
+        return
     x, y = (np.array([f(r) for r in rows]) for f in (lambda r: float(r["value"]), lambda r: value(r, "chi2_per_dof")))
     look = {"color": COLOUR[method], "marker": MARKER[method], "lw": 2, **look}
     ax.plot(x, np.maximum(y, LEAST), **look)
@@ -168,7 +170,8 @@ def chi2_line(ax, rows, method, **look):
 def chi2_axis(ax, x, log="y"):
     band(ax)
     ax.set_yscale("log")
-    ax.set_ylim(LEAST, max(ax.get_ylim()[1], 4))
+    top = max(np.nanmax(line.get_ydata()) for line in ax.lines if len(line.get_ydata()))
+    ax.set_ylim(LEAST, max(ax.get_ylim()[1], 1.2 * top, 4))
     finish(ax, x, "chi$^2$ per degree of freedom [-]", log)
 
 
@@ -243,15 +246,15 @@ def coverage_plot(rows):
     left.scatter(chi2[~outside], y[~outside], color=COLOUR[VOID], zorder=3)
     left.scatter(chi2[outside], y[outside], color="#d55e00", marker="X", s=60, zorder=3)
     left.set_xscale("log")
-    left.set_xlim(min(0.3, np.nanmin(chi2) * 0.9), max(4, np.nanmax(chi2) * 1.1))
-    left.set_xticks([0.5, 1, 2])
+    left.set_xlim(min(0.22, np.nanmin(chi2) * 0.9), max(4, np.nanmax(chi2) * 1.1))
+    left.set_xticks([0.5, 1, 2, 5] if np.nanmax(chi2) > 4 else [0.5, 1, 2])
     for x, text, side in ((CHI2[0], "errors smaller\nthan stated", "right"), (CHI2[1], "errors larger\nthan stated", "left")):
         left.text(x * (0.97 if side == "right" else 1.03), len(found) - 0.4, text, fontsize=8, color="0.3", ha=side, va="center")
     finish(left, "chi$^2$ of the error per degree of freedom [-]", "", "x")
     left.set_yticks(y, [label(r) for r in found], fontsize=8)
     for share, name, colour in ((68, "within68", "#e69f00"), (95, "within95", "#56b4e9")):
         right.axvline(share, color=colour, lw=1.2)
-        right.text(share, len(found) - 0.2, f"{share} % ellipsoid", color=colour, fontsize=9, ha="center", va="bottom")
+        right.text(share, len(found) - 0.2, f"{share} %", color=colour, fontsize=9, ha="center", va="bottom")
         right.errorbar([100 * value(r, name) for r in found], y, fmt="o", color=colour, ms=5, lw=1,
                        xerr=[100 * np.sqrt(0.01 * share * (1 - 0.01 * share) / max(int(r["found"]), 1)) for r in found])
     finish(right, "true centres in the stated ellipsoid [%]; bars: chance", "", "")

@@ -213,7 +213,7 @@ def all_cases(frames, slow):
     kinds += [("ghosts", f"{100 * g:g} %", 100 * g, replace(base, ghosts=g)) for g in (0, 0.005, 0.02, 0.05, 0.1)]
     kinds += [("wake depth", f"{100 * w:g} %, radius 0.8 R", 100 * w, replace(base, wake_depth=w)) for w in (0, 0.25, 0.5, 0.8, 0.95)]
     kinds += [("wake width", f"95 %, radius {w:g} R", w, replace(base, wake_depth=0.95, wake_width=w)) for w in (0.5, 0.65, 0.8, 0.9)]
-    kinds += [("edge", f"{e:g} R inside a face" if e else "on a face", e, replace(base, edge=(e,))) for e in (1, 0.75, 0.5, 0.25, 0)]
+    kinds += [("edge", f"{e:g} R inside a face" if e else "on a face", e, replace(base, edge=(e,))) for e in (1, 0.75, 0.5, 0.25, 0.1, 0)]
     kinds += [("corner", f"0 to R from {n} faces", n, replace(base, edges=n)) for n in (2, 3)]
     kinds += [("light sheet", f"sheet of 6 mm, {1e3 * z:g} mm off its middle", 1e3 * z, replace(sheet, sheet_offset=z)) for z in (0, 4e-3, 8e-3)]
     kinds += [("thin side", f"in one half {100 * t:g} % of that in the other", 100 * t, replace(base, thin_side=t)) for t in (0.5, 0.2)]
