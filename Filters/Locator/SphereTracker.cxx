@@ -11,13 +11,22 @@ namespace {
 
 using Eigen::Vector3d;
 
+constexpr double FollowedEnclosure =
+    0.25; // least enclosure of a sphere that is followed: in a corner of the volume
+
+/// How sure a find must be. Where the sphere is expected it is likely from the start, and it may leave the
+/// volume by an edge or a corner, where tracers are on few sides of it only.
+struct Doubt {
+  double falseAlarm, enclosure;
+};
+
 /// Whether a void near a guess is a sphere: unlikely enough by chance, with tracers around it, and closed.
-bool isSphere(const VoidEstimate& v, const ParticleIndex& index, double searchVolume, double falseAlarm,
+bool isSphere(const VoidEstimate& v, const ParticleIndex& index, double searchVolume, const Doubt& doubt,
               const VoidLikelihoodOptions& o) {
   const double radius = 0.5 * v.diameter;
   const double places = independentPlaces(std::min(searchVolume, index.box().volume()), radius);
-  return logFalseAlarm(v, places) <= std::log(falseAlarm) &&
-         enclosure(index, v.centre, radius) >= LeastEnclosure && closedLikeASphere(index, o.others, v);
+  return logFalseAlarm(v, places) <= std::log(doubt.falseAlarm) &&
+         enclosure(index, v.centre, radius) >= doubt.enclosure && closedLikeASphere(index, o.others, v);
 }
 
 LocatedSphere fromLikelihood(const VoidEstimate& v) {
@@ -211,14 +220,14 @@ LocatedSphere SphereTracker::search(const SnapshotParticles& particles, const st
   const double side = sphere.searchSide > 0 ? sphere.searchSide : sphere.diameter;
   SeedingDensity seeding(index, 0.25 * sphere.diameter);
 
-  const auto at = [&](const Guess& g, double falseAlarm) -> std::optional<LocatedSphere> {
+  const auto at = [&](const Guess& g, const Doubt& doubt) -> std::optional<LocatedSphere> {
     const Vector3d start = index.box().clamp(g.centre);
     VoidLikelihoodOptions near = sphere;
     near.searchSide = g.side;
     const bool published = options_.method == LocatorMethod::PublishedCost;
     const VoidEstimate v =
         published ? roughVoid(index, seeding, start, near) : locateVoid(index, seeding, start, near);
-    if (!isSphere(v, index, g.side * g.side * g.side, falseAlarm, near)) return std::nullopt;
+    if (!isSphere(v, index, g.side * g.side * g.side, doubt, near)) return std::nullopt;
     // Found far outside the cube: then it was not searched among the cube's places alone.
     if (g.side < side && (v.centre - start).cwiseAbs().maxCoeff() > 0.75 * g.side) return std::nullopt;
     LocatedSphere found =
@@ -229,10 +238,11 @@ LocatedSphere SphereTracker::search(const SnapshotParticles& particles, const st
     found.wall = wallOf(found, seeding, particles);
     return found;
   };
+  const Doubt unexpected{options_.capture.falseAlarm, LeastEnclosure},
+      expected{options_.followFalseAlarm, FollowedEnclosure};
   if (guess) {
-    const bool expected = anyFound() && index.box().contains(guess->centre);
-    if (const auto found = at(*guess, expected ? options_.followFalseAlarm : options_.capture.falseAlarm))
-      return *found;
+    const bool follows = anyFound() && index.box().contains(guess->centre);
+    if (const auto found = at(*guess, follows ? expected : unexpected)) return *found;
   }
   if (!everywhere) return lost;
   const CaptureResult capture = captureSphere(index, seeding, sphere, options_.capture, progress);
@@ -240,7 +250,7 @@ LocatedSphere SphereTracker::search(const SnapshotParticles& particles, const st
     lost.text = capture.reason;
     return lost;
   }
-  if (const auto found = at({capture.centre, side}, options_.capture.falseAlarm)) return *found;
+  if (const auto found = at({capture.centre, side}, unexpected)) return *found;
   lost.text = "a void was captured, but it is no sphere of this diameter when looked at closely";
   return lost;
 }
