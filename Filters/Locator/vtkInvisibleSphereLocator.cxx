@@ -455,7 +455,8 @@ int vtkInvisibleSphereLocator::RequestData(vtkInformation* request, vtkInformati
       state.looping = false;
     }
     if (!rimflow::aborted(this))
-      this->FillOutputs(time, this->AllTimesKnown(inputs[0]->GetInformationObject(0)), outputs);
+      this->FillOutputs(
+          time, this->JointTrajectory && this->AllTimesKnown(inputs[0]->GetInformationObject(0)), outputs);
   } catch (const std::exception& error) {
     request->Remove(vtkStreamingDemandDrivenPipeline::CONTINUE_EXECUTING());
     state.looping = false;
@@ -528,5 +529,8 @@ void vtkInvisibleSphereLocator::PrintSelf(ostream& os, vtkIndent indent) {
      << indent << "Method: " << (this->Method == PUBLISHED_COST ? "published cost" : "void likelihood")
      << "\n"
      << indent << "SearchRadius: " << this->SearchRadius << "\n"
-     << indent << "ProcessAllTimes: " << this->ProcessAllTimes << "\n";
+     << indent << "DiameterSigma: " << this->DiameterSigma << "\n"
+     << indent << "OtherDiameters: " << this->OtherDiameters.size() << "\n"
+     << indent << "ProcessAllTimes: " << this->ProcessAllTimes << "\n"
+     << indent << "JointTrajectory: " << this->JointTrajectory << "\n";
 }

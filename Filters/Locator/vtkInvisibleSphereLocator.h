@@ -108,6 +108,14 @@ public:
   ///@}
 
   ///@{
+  /// Estimate all snapshots jointly as soon as all times of the input have been visited, for the Trajectory.
+  /// Off: it stays the smoothed path through the single snapshots. Default on.
+  vtkSetMacro(JointTrajectory, bool);
+  vtkGetMacro(JointTrajectory, bool);
+  vtkBooleanMacro(JointTrajectory, bool);
+  ///@}
+
+  ///@{
   /// Void likelihood: standard deviation of a particle's position per component, m; 0 (default): from the
   /// data.
   vtkSetClampMacro(PositionNoise, double, 0, VTK_DOUBLE_MAX);
@@ -190,6 +198,7 @@ protected:
   double InitialGuess[3] = {0, 0, 0};
   double SearchRadius = 0;
   bool ProcessAllTimes = false;
+  bool JointTrajectory = true;
   double PositionNoise = 0;
   double GhostRate = -1;
   double UpDirection[3] = {0, 0, 0};

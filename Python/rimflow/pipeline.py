@@ -8,7 +8,7 @@ from vtkmodules.vtkCommonCore import VTK_STRING, vtkPoints, vtkVersion
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
 from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
 from vtkmodules.vtkFiltersSources import vtkSphereSource
-from vtkmodules.vtkIOXML import vtkXMLImageDataWriter, vtkXMLPolyDataWriter
+from vtkmodules.vtkIOXML import vtkXMLImageDataWriter, vtkXMLPolyDataReader, vtkXMLPolyDataWriter
 from vtkmodules.vtkParallelCore import vtkMultiProcessController
 
 from rimflow import files
@@ -79,6 +79,7 @@ class Chain:
         self.locator = vtkInvisibleSphereLocator()
         self.locator.SetInputConnection(0, self.reader.GetOutputPort())
         self.locator.SetDiameter(options.diameter)
+        self.locator.JointTrajectoryOff()  # all ranks' snapshots are estimated together in the end
         self.locator.SetUpDirection(*(options.up or (0, 0, 0)))
         self.flow = self._flow()
         self.masked_flow = self._flow()
@@ -113,6 +114,10 @@ class Chain:
         self.locator.UpdateTimeStep(time)
         self.errors.check()
         return located(self.locator.GetOutputDataObject(1))
+
+    def wall(self):
+        """The tracers next to the wall in the snapshot that was located last; empty when the sphere was not found."""
+        return self.locator.GetOutputDataObject(3)
 
     def snapshot(self, time, flow):
         """The particles of one time and, on request, the flow without a body; both stay when the time moves on."""
@@ -203,16 +208,19 @@ def vtk_points(positions):
     return points
 
 
-def smooth(times, centres, covariances, status, diameter):
-    """The trajectory smoother on single-snapshot results; a dictionary of arrays over the same times."""
+def smooth(times, centres, covariances, status, diameter, walls=()):
+    """The trajectory smoother on single-snapshot results and the locator's walls; a dictionary of arrays over the same times."""
     data = vtkPolyData()
     data.SetPoints(vtk_points(np.nan_to_num(centres)))
-    for name, values in (("Time", times), ("Centre", centres), ("Covariance", covariances), ("Status", status.astype(np.int32))):
+    for name, values in (("Time", times), ("Centre", centres), ("Covariance", covariances), ("Status", status.astype(np.int32)),
+                         ("Diameter", np.full(len(times), diameter))):
         add_array(data.GetPointData(), name, values)
     smoother, errors = vtkTrajectorySmoother(), Errors()
     errors.watch(smoother)
     smoother.SetLargestPredictionSigma(0.5 * diameter)  # as the locator's Trajectory
     smoother.SetInputData(data)
+    for wall in walls:
+        smoother.AddInputDataObject(1, wall)
     smoother.Update()
     errors.check()
     output = smoother.GetOutput().GetPointData()
@@ -263,6 +271,13 @@ def polyline(trajectory):
                          ("Status", trajectory.status.astype(np.int32)), ("RawCentre", trajectory.raw)):
         add_array(data.GetPointData(), name, values[known])
     return data
+
+
+def read_polydata(path):
+    reader = vtkXMLPolyDataReader()
+    reader.SetFileName(path)
+    reader.Update()
+    return reader.GetOutput()
 
 
 def write_polydata(path, data):
