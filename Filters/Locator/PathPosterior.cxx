@@ -20,8 +20,10 @@ using Eigen::VectorXd;
 
 constexpr double Pi = 3.14159265358979323846;
 constexpr double LogisticPerNoise = 0.62666; // sqrt(2 pi)/4: w at which the logistic has the normal's slope
-constexpr double Caution = 0.2; // weight of single-snapshot estimates in the start: they share tracers
-constexpr double Horizon = 7;   // standard deviations from the present shape that count
+constexpr double GhostLength = 5; // snapshots that a ghost's track lasts: longer ones are less likely
+constexpr int LongestStay = 8;    // snapshots: longer ones would blur when a tracer was where
+constexpr double Caution = 0.2;   // weight of single-snapshot estimates in the start: they share tracers
+constexpr double Horizon = 7;     // standard deviations from the present shape that count
 
 /// Uniform cubic B-splines over [first, last].
 class Splines {
@@ -88,33 +90,39 @@ const TracerLog& tracerLog() {
   return table;
 }
 
+/// Successive instances of a track at about the same place relative to the sphere, as one: at the mean of
+/// their places, seen in the middle one of their snapshots. A tracer that stays at the wall is thus one
+/// measurement of less noise, and not many that each say that it is hardly likely to be so near.
+struct Stay {
+  Eigen::Vector3f first, sum;
+  std::size_t from, to; // snapshots
+  int instances, track;
+
+  Eigen::Vector3f place() const { return sum / float(instances); }
+  std::size_t snapshot() const { return (from + to) / 2; }
+  /// Independent measurements that they are worth: a tracker's noise is correlated along a track.
+  double independent() const { return 0.5 * (1 + instances); }
+};
+
 /// log L of paths near a reference path, at one width of the wall.
 class PathLikelihood {
 public:
-  /// reference: centre per snapshot; reach: how far a path may be from it, m.
+  /// reference: centre per snapshot; reach: how far a path may be from it, m. noiseWidth: the part of the
+  /// width that comes from the noise, m.
   PathLikelihood(const std::vector<CentreEstimate>& snapshots, const std::vector<Vector3d>& reference,
-                 const std::vector<double>& reach, double radius, double width)
-      : snapshots_(snapshots), reference_(reference), reach_(reach), radius_(radius), width_(width) {
-    std::unordered_map<std::int64_t, int> number;
-    first_.push_back(0);
-    for (std::size_t k = 0; k < snapshots.size(); ++k) {
-      const Eigen::Vector3f moved = (reference[k] - snapshots[k].centre).cast<float>();
-      for (const WallParticle& p : snapshots[k].wall->particles) {
-        const Eigen::Vector3f r = p.offset - moved;
-        const double s = r.norm() - radius;
-        if (s > reach[k] + TracerLog::Highest * width) continue; // outside of every path
-        const int track =
-            p.track < 0 ? newTrack() : number.try_emplace(p.track, int(base_.size())).first->second;
-        if (track == int(base_.size())) newTrack();
-        if (s < -reach[k] + TracerLog::Lowest * width)
-          base_[track] = TracerLog::Lowest; // inside for every path
-        else
-          x_.push_back(r[0]), y_.push_back(r[1]), z_.push_back(r[2]), track_.push_back(track);
-      }
-      first_.push_back(x_.size());
-      ghosts_ += snapshots[k].wall->ghostRate / double(snapshots.size());
+                 const std::vector<double>& reach, double radius, double width, double noiseWidth)
+      : snapshots_(snapshots), reference_(reference), reach_(reach), radius_(radius) {
+    std::vector<Stay> stays = collect(width);
+    std::stable_sort(stays.begin(), stays.end(),
+                     [](const Stay& a, const Stay& b) { return a.snapshot() < b.snapshot(); });
+    for (const Stay& stay : stays) {
+      while (first_.size() <= stay.snapshot()) first_.push_back(x_.size());
+      const Eigen::Vector3f r = stay.place();
+      x_.push_back(r[0]), y_.push_back(r[1]), z_.push_back(r[2]), track_.push_back(stay.track);
+      const double own = width * width - noiseWidth * noiseWidth * (1 - 1 / stay.independent());
+      perWidth_.push_back(float(1 / std::sqrt(own)));
     }
-    looks_ = x_.empty() ? 1 : std::min(1., double(base_.size()) / double(x_.size()));
+    while (first_.size() <= snapshots.size()) first_.push_back(x_.size());
   }
 
   /// offsets: of the path from the reference, one column per snapshot.
@@ -124,14 +132,16 @@ public:
     for (std::size_t k = 0; k < reach_.size(); ++k) {
       const Vector3d o = offsets.col(Eigen::Index(k));
       if (o.norm() > reach_[k]) return -std::numeric_limits<double>::infinity();
-      addInstances(k, o.cast<float>());
+      addStays(k, o.cast<float>());
       const Vector3d r = reference_[k] + o - snapshots_[k].centre;
       fluid += (snapshots_[k].wall->tilt + 0.5 * (snapshots_[k].wall->bend * r)).dot(r);
     }
-    const double tracer = 1 - ghosts_;
-    double total = looks_ * tracer * fluid;
-    for (const float s : sum_) // log((1 - eps) e^s + eps), to first order where it is small
-      total += s > -1e-3f ? tracer * double(s) : std::log(tracer * std::exp(double(s)) + ghosts_);
+    double total = looks_ * (1 - ghosts_) * fluid;
+    for (std::size_t t = 0; t < sum_.size();
+         ++t) { // log((1 - eps) e^s + eps), to first order where it is small
+      const double s = sum_[t], ghost = ghostTrack_[t];
+      total += s > -1e-3 ? (1 - ghost) * s : std::log((1 - ghost) * std::exp(s) + ghost);
+    }
     return total;
   }
 
@@ -152,42 +162,78 @@ public:
       add(gradient, looks_ * (1 - ghosts_) * (snapshots_[k].wall->tilt + snapshots_[k].wall->bend * r), k);
       for (std::size_t i = first_[k]; i < first_[k + 1]; ++i) {
         const Vector3d from = Vector3d(x_[i], y_[i], z_[i]) - o;
-        const double distance = std::max(from.norm(), 1e-12), u = (distance - radius_) / width_;
+        const double distance = std::max(from.norm(), 1e-12), u = (distance - radius_) * perWidth_[i];
         if (u > TracerLog::Highest || u < TracerLog::Lowest) continue;
         const double e = std::exp(-std::abs(u)), f = u > 0 ? e / (1 + e) : 1 / (1 + e);
         VectorXd& of = slope[track_[i]];
         if (of.size() == 0) of.setZero(3 * m);
-        add(of, -f / width_ * from / distance, k);
+        add(of, -f * perWidth_[i] * from / distance, k);
       }
     }
     for (std::size_t t = 0; t < slope.size(); ++t) {
       if (slope[t].size() == 0) continue;
-      const double tracer = (1 - ghosts_) * std::exp(double(sum_[t]));
-      slope[t] *= tracer / (tracer + ghosts_);
+      const double ghost = ghostTrack_[t], tracer = (1 - ghost) * std::exp(double(sum_[t]));
+      slope[t] *= tracer / std::max(tracer + ghost, 1e-300);
       gradient += slope[t];
       information += slope[t] * slope[t].transpose();
     }
   }
 
 private:
-  int newTrack() {
-    base_.push_back(0);
-    return int(base_.size()) - 1;
+  /// The stays near the wall; also base_, ghostTrack_ and looks_.
+  std::vector<Stay> collect(double width) {
+    const double still = 0.04 * radius_; // moves that are one stay: the wall's sagitta over it is R/5000
+    std::unordered_map<std::int64_t, int> number;
+    std::vector<int> instances, latest; // per track; the latest stay
+    std::vector<Stay> stays;
+    std::size_t all = 0;
+    double ghosts = 0;
+    for (std::size_t k = 0; k < snapshots_.size(); ++k) {
+      const WallView& wall = *snapshots_[k].wall;
+      ghosts += wall.ghostRate / double(snapshots_.size());
+      const Eigen::Vector3f moved = (reference_[k] - snapshots_[k].centre).cast<float>();
+      for (const WallParticle& p : wall.particles) {
+        const Eigen::Vector3f r = p.offset - moved;
+        const double s = r.norm() - radius_;
+        if (s > reach_[k] + TracerLog::Highest * width) continue; // outside of every path
+        const int next = int(base_.size());
+        const int track = p.track < 0 ? next : number.try_emplace(p.track, next).first->second;
+        if (track == next) base_.push_back(0), instances.push_back(0), latest.push_back(-1);
+        ++instances[track];
+        ++all;
+        Stay* stay = latest[track] < 0 ? nullptr : &stays[latest[track]];
+        if (s < -reach_[k] + TracerLog::Lowest * width) {
+          base_[track] = TracerLog::Lowest; // inside for every path
+        } else if (stay && stay->to + 1 == k && stay->instances < LongestStay &&
+                   (r - stay->first).norm() < still) {
+          stay->sum += r, stay->to = k, ++stay->instances;
+        } else {
+          latest[track] = int(stays.size());
+          stays.push_back({r, r, k, k, 1, track});
+        }
+      }
+    }
+    ghosts_ = ghosts;
+    for (const int n : instances)
+      ghostTrack_.push_back(std::pow(std::max(ghosts, 1e-6), std::ceil(n / GhostLength)));
+    looks_ = all == 0 ? 1 : double(base_.size()) / double(all);
+    return stays;
   }
 
-  /// Adds log(1 - f) of snapshot k's instances to their tracks' sums.
-  void addInstances(std::size_t k, const Eigen::Vector3f& o) {
-    const float radius = float(radius_), perWidth = float(1 / width_), ox = o[0], oy = o[1], oz = o[2];
+  /// Adds log(1 - f) of snapshot k's stays to their tracks' sums.
+  void addStays(std::size_t k, const Eigen::Vector3f& o) {
+    const float radius = float(radius_), ox = o[0], oy = o[1], oz = o[2];
     const TracerLog& value = tracerLog();
     const std::size_t from = first_[k];
     const int n = int(first_[k + 1] - from);
     if (int(term_.size()) < n) term_.resize(n);
     float* term = term_.data();
-    const float *x = x_.data() + from, *y = y_.data() + from, *z = z_.data() + from;
+    const float *x = x_.data() + from, *y = y_.data() + from, *z = z_.data() + from,
+                *perWidth = perWidth_.data() + from;
 #pragma omp simd
     for (int i = 0; i < n; ++i) {
       const float dx = x[i] - ox, dy = y[i] - oy, dz = z[i] - oz;
-      term[i] = value((std::sqrt(dx * dx + dy * dy + dz * dz) - radius) * perWidth);
+      term[i] = value((std::sqrt(dx * dx + dy * dy + dz * dz) - radius) * perWidth[i]);
     }
     const int* track = track_.data() + from;
     for (int i = 0; i < n; ++i) sum_[track[i]] += term[i];
@@ -196,11 +242,12 @@ private:
   const std::vector<CentreEstimate>& snapshots_;
   const std::vector<Vector3d>& reference_;
   const std::vector<double>& reach_;
-  double radius_, width_, ghosts_ = 0, looks_ = 1;
-  std::vector<std::size_t> first_; // per snapshot, of its instances; one more at the end
-  std::vector<float> x_, y_, z_;   // of instances, relative to the reference
-  std::vector<int> track_;         // of each instance
-  std::vector<float> base_, sum_;  // per track: from instances deep inside, and from all
+  double radius_, ghosts_ = 0, looks_ = 1;
+  std::vector<std::size_t> first_;          // per snapshot, of its stays; one more at the end
+  std::vector<float> x_, y_, z_, perWidth_; // of stays: relative to the reference; 1 over the wall's width
+  std::vector<int> track_;                  // of each stay
+  std::vector<float> base_, sum_;           // per track: from instances deep inside, and from all
+  std::vector<double> ghostTrack_;          // per track: eps, once per length of a ghost's track
   std::vector<float> term_;
 };
 
@@ -246,7 +293,8 @@ public:
   PathSampler(const std::vector<CentreEstimate>& snapshots, const PathOptions& options,
               const Splines& splines)
       : snapshots_(snapshots), options_(options), splines_(splines), m_(splines.size()),
-        basis_(Eigen::Index(snapshots.size()), m_), reference_(snapshots.size()), reach_(snapshots.size()) {
+        noiseWidth_(LogisticPerNoise * options.positionNoise), basis_(Eigen::Index(snapshots.size()), m_),
+        reference_(snapshots.size()), reach_(snapshots.size()) {
     for (Eigen::Index k = 0; k < basis_.rows(); ++k)
       basis_.row(k) = splines.at(snapshots[k].time).transpose();
     setPrior();
@@ -256,7 +304,7 @@ public:
   /// Uphill at one width by Fisher scoring; the Gaussian that this leaves is about right.
   void climb(double width) {
     look();
-    PathLikelihood likelihood(snapshots_, reference_, reach_, options_.radius, width);
+    PathLikelihood likelihood(snapshots_, reference_, reach_, options_.radius, width, noiseWidth_);
     VectorXd at = shape_.mean, gradient;
     MatrixXd information, covariance;
     double here = likelihood(offsets(at)) + logPrior(at);
@@ -281,7 +329,7 @@ public:
   /// Elliptical slice sampling at one width; the shape is then fitted to the samples.
   void sample(double width, int steps) {
     look();
-    PathLikelihood likelihood(snapshots_, reference_, reach_, options_.radius, width);
+    PathLikelihood likelihood(snapshots_, reference_, reach_, options_.radius, width, noiseWidth_);
     VectorXd z = VectorXd::Zero(3 * m_), theta = shape_.mean;            // theta = mean + factor z
     const auto logRatio = [&](const VectorXd& t, const VectorXd& unit) { // of the target over the shape
       return likelihood(offsets(t)) + logPrior(t) + 0.5 * unit.squaredNorm();
@@ -410,6 +458,7 @@ private:
   const PathOptions& options_;
   const Splines& splines_;
   int m_;
+  double noiseWidth_;
   MatrixXd basis_, precision_;
   VectorXd priorMean_, lookedFrom_;
   Gaussian shape_;
