@@ -210,6 +210,12 @@ Eigen::Vector3d SeedingDensity::expectedGradient(const Eigen::Vector3d& centre, 
   return sum * (4 * Pi * radius * radius / Directions);
 }
 
+double SeedingDensity::expectedPerRadius(const Eigen::Vector3d& centre, double radius) const {
+  double sum = 0;
+  for (const Eigen::Vector3d& e : evenDirections()) sum += at(centre + radius * e);
+  return sum * (4 * Pi * radius * radius / Directions);
+}
+
 void SeedingDensity::measureDispersion() {
   constexpr int Edge = 3; // cells per block and axis
   const int m[3] = {n_[0] / Edge, n_[1] / Edge, n_[2] / Edge};

@@ -32,6 +32,8 @@ public:
   double cautiouslyExpectedWithin(const Eigen::Vector3d& centre, double radius) const;
   /// Gradient of expectedWithin with respect to the centre: the surface integral of n times the normal, 1/m.
   Eigen::Vector3d expectedGradient(const Eigen::Vector3d& centre, double radius) const;
+  /// Derivative of expectedWithin with respect to the radius: the surface integral of n, 1/m.
+  double expectedPerRadius(const Eigen::Vector3d& centre, double radius) const;
 
   /// Variance of counts over their Poisson variance in blocks of about three cells, against their
   /// neighbours; robust (a median), >= 1. Well above 1 the seeding is clustered and voids come by chance.

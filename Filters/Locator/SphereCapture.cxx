@@ -16,7 +16,10 @@ constexpr std::size_t MaximumCells = 8000000;
 /// Counts on a grid over the seeded box, and sums over boxes and balls of cells.
 class CountGrid {
 public:
-  CountGrid(const ParticleIndex& particles, double cell) : box_(particles.box()) {
+  /// The balls of `bodies` are filled with the seeding density, so that nothing is missing there.
+  CountGrid(const ParticleIndex& particles, double cell, const std::vector<Body>& bodies,
+            const SeedingDensity& seeding)
+      : box_(particles.box()) {
     const Eigen::Vector3d size = box_.size().cwiseMax(1e-9);
     cell = std::max(cell, std::cbrt(size.prod() / MaximumCells));
     for (int a = 0; a < 3; ++a) {
@@ -31,6 +34,7 @@ public:
       if (i < 0 || j < 0 || k < 0 || i > n[0] || j > n[1] || k > n[2]) continue; // strays; == n is the face
       ++rows_[row(std::min(j, n[1] - 1), std::min(k, n[2] - 1)) + std::min(i, n[0] - 1) + 1];
     }
+    if (!bodies.empty()) fill(bodies, seeding);
     for (int k = 0; k < n[2]; ++k)
       for (int j = 0; j < n[1]; ++j)
         for (int i = 0; i < n[0]; ++i) rows_[row(j, k) + i + 1] += rows_[row(j, k) + i];
@@ -97,6 +101,20 @@ public:
   Eigen::Vector3d h = Eigen::Vector3d::Ones();
 
 private:
+  /// Whole particles: what a cell's share leaves over goes to the next cell.
+  void fill(const std::vector<Body>& bodies, const SeedingDensity& seeding) {
+    double left = 0;
+    for (int k = 0; k < n[2]; ++k)
+      for (int j = 0; j < n[1]; ++j)
+        for (int i = 0; i < n[0]; ++i) {
+          const Eigen::Vector3d x = box_.lower + Eigen::Vector3d(i + 0.5, j + 0.5, k + 0.5).cwiseProduct(h);
+          if (std::none_of(bodies.begin(), bodies.end(), [&x](const Body& b) { return b.contains(x); }))
+            continue;
+          left += seeding.at(x) * h.prod();
+          rows_[row(j, k) + i + 1] = std::uint32_t(left);
+          left -= std::floor(left);
+        }
+  }
   std::size_t row(int j, int k) const { return std::size_t(n[0] + 1) * (j + std::size_t(n[1]) * k); }
   std::size_t corner(int i, int j, int k) const {
     return i + std::size_t(n[0] + 1) * (j + std::size_t(n[1] + 1) * k);
@@ -164,6 +182,67 @@ std::vector<Eigen::Vector3d> peaks(const CountGrid& grid, const std::vector<floa
 
 } // namespace
 
+bool closedLikeASphere(const ParticleIndex& particles, const std::vector<Body>& others,
+                       const VoidEstimate& estimate) {
+  constexpr double Evidence = 4;       // nats
+  constexpr double LeastGhosts = 0.02; // of the fluid's density: a single ghost proves little
+  const double radius = 0.5 * estimate.diameter;
+  const Eigen::Vector3d& centre = estimate.centre;
+  struct Part {
+    double particles = 0, volume = 0, share = 0; // share of the part that is fluid, and the volume of that
+  };
+  const auto part = [&](double inner, double outer, const Eigen::Vector3d* axis) {
+    const double cosine = std::cos(Pi / 6);
+    Part p;
+    particles.forEachWithin(centre, outer * radius, [&](std::uint32_t, float dx, float dy, float dz) {
+      const Eigen::Vector3d r(dx, dy, dz);
+      const double distance = r.norm();
+      p.particles +=
+          distance > inner * radius && (!axis || r.dot(*axis) > cosine * distance) &&
+          std::none_of(others.begin(), others.end(), [&](const Body& b) { return b.contains(centre + r); });
+    });
+    int fluid = 0, all = 0;
+    for (const Eigen::Vector3d& e : evenDirections()) {
+      if (axis && e.dot(*axis) < cosine) continue;
+      for (double third : {1 / 6., 0.5, 5 / 6.}) {
+        const double r =
+            radius * std::cbrt(std::pow(inner, 3) + third * (std::pow(outer, 3) - std::pow(inner, 3)));
+        const Eigen::Vector3d x = centre + r * e;
+        ++all;
+        fluid += particles.box().contains(x) &&
+                 std::none_of(others.begin(), others.end(), [&x](const Body& b) { return b.contains(x); });
+      }
+    }
+    const double volume =
+        (ballVolume(outer * radius) - ballVolume(inner * radius)) * (axis ? 0.5 * (1 - cosine) : 1);
+    p.share = all > 0 ? double(fluid) / all : 0;
+    p.volume = volume * p.share;
+    return p;
+  };
+  // The fluid's density from the shell a little off the wall: n(x) is blurred next to a stripe or a wake.
+  const Part fluid = part(1.2, 1.6, nullptr), core = part(0, 0.8, nullptr);
+  if (fluid.particles == 0 || fluid.volume == 0 || core.volume == 0) return false;
+  const double density = fluid.particles / fluid.volume;
+  const double emptiness = std::max(LeastGhosts, core.particles / (core.volume * density));
+  if (emptiness > 0.5) return false;
+  // log P(n | fluid) - log P(n | as empty as the ball)
+  const auto fluidRatio = [&](const Part& p) {
+    return -p.particles * std::log(emptiness) - p.volume * density * (1 - emptiness);
+  };
+  if (fluidRatio(part(0.8, 0.95, nullptr)) > Evidence) return false;
+  if (fluidRatio(part(1.05, 1.2, nullptr)) < -Evidence) return false;
+  for (std::size_t d = 0; d < evenDirections().size() / 2; d += 8) { // half of the sphere
+    double most = -1e30;
+    for (double side : {1., -1.}) {
+      const Eigen::Vector3d axis = side * evenDirections()[d];
+      const Part cap = part(1, 1.6, &axis);
+      if (cap.share > 0.3) most = std::max(most, fluidRatio(cap));
+    }
+    if (most > -1e30 && most < -Evidence) return false;
+  }
+  return true;
+}
+
 double independentPlaces(double volume, double radius) {
   return std::max(1., 40 * volume / ballVolume(radius));
 }
@@ -198,20 +277,24 @@ CaptureResult captureSphere(const ParticleIndex& particles, SeedingDensity& seed
     result.reason = "only " + std::to_string(particles.size()) + " particles";
     return result;
   }
-  const CountGrid grid(particles, radius / CellsPerRadius);
+  seeding.exclude(sphere.others);
+  const CountGrid grid(particles, radius / CellsPerRadius, sphere.others, seeding);
   const std::vector<float> score = deficits(grid, radius, progress);
   if (!goOn(progress, 0.7)) {
     result.reason = "aborted";
     return result;
   }
+  const double limit = std::log(options.falseAlarm);
   const double places = independentPlaces(particles.box().volume(), radius);
   VoidLikelihoodOptions close = sphere;
   close.searchSide = 0.7 * radius;
-  bool notch = false;
+  bool notch = false, open = false;
   std::vector<std::pair<double, VoidEstimate>> finds; // log false alarm, estimate
   auto better = [](const auto& a, const auto& b) { return a.first < b.first; };
   for (const Eigen::Vector3d& candidate : peaks(grid, score, 0.5 * radius, options.candidates)) {
+    if (!clearOf(sphere.others, candidate, 0.6 * radius)) continue; // shadows of the other spheres
     const VoidEstimate estimate = roughVoid(particles, seeding, candidate, close);
+    if (!clearOf(sphere.others, estimate.centre, 0.5 * estimate.diameter)) continue; // no room
     const double alarm = logFalseAlarm(estimate, places);
     if (alarm < -3 && enclosure(particles, estimate.centre, radius) < LeastEnclosure)
       notch = true;
@@ -221,14 +304,25 @@ CaptureResult captureSphere(const ParticleIndex& particles, SeedingDensity& seed
   std::stable_sort(finds.begin(), finds.end(), better);
   if (!finds.empty()) {
     // In thin seeding the last particles matter: place the best few exactly.
-    for (std::size_t f = 0; f < std::min<std::size_t>(finds.size(), 3); ++f) {
+    int placed = 0;
+    for (std::size_t f = 0; f < std::min<std::size_t>(finds.size(), 6) && placed < 3; ++f) {
       close.searchSide = 0.2 * radius;
       finds[f].second = locateVoid(particles, seeding, finds[f].second.centre, close);
       finds[f].first = logFalseAlarm(finds[f].second, places);
-      if (f == 0 && finds[0].first < 10 * std::log(options.falseAlarm)) break; // beyond doubt
+      if (finds[f].first <= limit && !closedLikeASphere(particles, sphere.others, finds[f].second)) {
+        open = true;
+        finds[f].first = 0;
+        continue;
+      }
+      ++placed;
+      if (finds[f].first < 10 * limit) break; // beyond doubt
     }
+    if (open && placed == 0)
+      finds.resize(std::min<std::size_t>(finds.size(), 6)); // the rest was not looked at
     std::stable_sort(finds.begin(), finds.end(), better);
-    const VoidEstimate& best = finds.front().second;
+    const VoidEstimate best = finds.front().second;
+    result.diameter = best.diameter;
+    result.diameterSigma = best.diameterSigma;
     result.centre = best.centre;
     result.particlesInside = best.particlesInside;
     result.expectedInside = best.expectedInside;
@@ -238,7 +332,7 @@ CaptureResult captureSphere(const ParticleIndex& particles, SeedingDensity& seed
         result.secondLogFalseAlarm = other.first;
         break;
       }
-    result.found = result.logFalseAlarm <= std::log(options.falseAlarm);
+    result.found = result.logFalseAlarm <= limit;
   }
   if (!result.found) {
     char text[200];
@@ -246,7 +340,9 @@ CaptureResult captureSphere(const ParticleIndex& particles, SeedingDensity& seed
         text, sizeof text,
         "no void of the sphere's size: the emptiest ball holds %zu particles where %.1f are expected%s",
         result.particlesInside, result.expectedInside,
-        notch ? " (emptier ones lie at the edge of the seeding)" : "");
+        open    ? " (emptier ones are not closed like a sphere of this diameter)"
+        : notch ? " (emptier ones lie at the edge of the seeding)"
+                : "");
     result.reason = text;
   }
   goOn(progress, 1);

@@ -14,6 +14,8 @@ struct CaptureOptions {
 struct CaptureResult {
   bool found = false;
   Eigen::Vector3d centre = Eigen::Vector3d::Zero(); ///< good to about R/20; the likelihood refines it
+  double diameter = 0;                              ///< given, or fitted where it is not known exactly, m
+  double diameterSigma = 0;                         ///< of the fitted one, m
   std::size_t particlesInside = 0;                  ///< in the best ball
   double expectedInside = 0;                        ///< that it would hold without a sphere
   double logFalseAlarm = 0;       ///< log of the probability of such a ball anywhere in the volume by chance
@@ -31,10 +33,23 @@ struct CaptureResult {
 ///    divided by the seeding's dispersion, so that clustered seeding does not cry wolf; and it needs tracers
 ///    around it: a notch in the edge of the seeding is no sphere. The centre lies inside the seeded box;
 ///    outside nothing is expected, so nothing is missing.
-/// seeding: of the same particles; changed (it excludes the ball last looked at).
+/// 4. A find has a sphere's shape (closedLikeASphere): a depleted stripe has not.
+/// The other spheres of `sphere.others` count as fluid in step 1, and no find overlaps them. Where several
+/// are sought, capture the largest first and hand each find on to the next search. seeding: of the same
+/// particles; changed (it excludes the ball last looked at).
 CaptureResult captureSphere(const ParticleIndex& particles, SeedingDensity& seeding,
                             const VoidLikelihoodOptions& sphere, const CaptureOptions& options = {},
                             const Progress& progress = {});
+
+/// Whether a void is closed as a sphere's is. Each part next to the wall is asked whether it holds as many
+/// particles as the fluid or as few as the ball (log likelihood ratio of the Poisson counts, in nats):
+/// - the rim of the ball (0.8 to 0.95 R) must not be fluid: then the void is smaller;
+/// - the shell outside (1.05 to 1.2 R) must not be empty: then the void is larger;
+/// - of two opposite caps (30 degrees, R to 1.6 R) not both may be empty: then it is a stripe. A wake is on
+///   one side.
+/// A part that lies outside the seeded box or in another sphere says nothing.
+bool closedLikeASphere(const ParticleIndex& particles, const std::vector<Body>& others,
+                       const VoidEstimate& estimate);
 
 /// Log of the probability that chance makes a void like this somewhere among `places` independent places.
 double logFalseAlarm(const VoidEstimate& estimate, double places);

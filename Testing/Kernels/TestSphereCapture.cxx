@@ -104,6 +104,58 @@ TEST(SphereCapture, ClusteredSeedingIsNoSphere) {
   EXPECT_EQ(falseFinds(cloud, 4), 0);
 }
 
+TEST(SphereCapture, FindsTheSecondOfTwoThatNearlyTouchAndNoThird) {
+  TracerCloud cloud; // 11.11 mm, and one of 9.53 mm at 0.05 d from it
+  const Vector3d centre(-5e-3, 0, 0);
+  Body small;
+  small.diameter = 9.53e-3;
+  small.centre = centre + Vector3d(0.5 * (cloud.diameter + small.diameter) + 0.05 * small.diameter, 0, 0);
+  cloud.seeding = [&](const Vector3d& x, const Vector3d&) { return small.contains(x) ? 0.005 : 1.; };
+  const auto x = cloud.positions(centre, 8);
+  const ParticleIndex particles(x.data(), x.size() / 3);
+  SeedingDensity seeding(particles, 0.25 * cloud.diameter);
+  VoidLikelihoodOptions sphere;
+  sphere.diameter = cloud.diameter;
+  const CaptureResult first = captureSphere(particles, seeding, sphere);
+  ASSERT_TRUE(first.found) << first.reason;
+  EXPECT_LT((first.centre - centre).norm(), 0.05 * cloud.diameter);
+  Body large;
+  large.diameter = cloud.diameter;
+  large.centre = first.centre;
+  sphere.diameter = small.diameter;
+  sphere.others = {large};
+  const CaptureResult second = captureSphere(particles, seeding, sphere);
+  ASSERT_TRUE(second.found) << second.reason;
+  EXPECT_LT((second.centre - small.centre).norm(), 0.05 * small.diameter);
+  sphere.others = {large, small};
+  EXPECT_FALSE(captureSphere(particles, seeding, sphere).found);
+  // The smaller one's void is none for the larger.
+  sphere.diameter = cloud.diameter;
+  sphere.others = {large};
+  EXPECT_FALSE(captureSphere(particles, seeding, sphere).found);
+}
+
+TEST(SphereCapture, ADepletedStripeIsNoSphere) {
+  TracerCloud cloud;
+  cloud.lower = {-0.03, -0.03, -0.0125};
+  cloud.upper = {0.03, 0.03, 0.0125};
+  cloud.seeding = [](const Vector3d& x, const Vector3d&) { return std::hypot(x[0], x[2]) < 5e-3 ? 0.1 : 1.; };
+  EXPECT_EQ(falseFinds(cloud, 4), 0);
+}
+
+TEST(SphereCapture, FitsADiameterThatIsNotKnownExactly) {
+  const TracerCloud cloud;
+  const auto x = cloud.positions(Vector3d::Zero(), 21);
+  const ParticleIndex particles(x.data(), x.size() / 3);
+  SeedingDensity seeding(particles, 0.25 * cloud.diameter);
+  VoidLikelihoodOptions sphere;
+  sphere.diameter = 1.05 * cloud.diameter;
+  sphere.diameterSigma = 0.05 * cloud.diameter;
+  const CaptureResult r = captureSphere(particles, seeding, sphere);
+  ASSERT_TRUE(r.found) << r.reason;
+  EXPECT_NEAR(r.diameter, cloud.diameter, 0.015 * cloud.diameter);
+}
+
 TEST(SphereCapture, SaysSoWhenThereAreHardlyAnyParticles) {
   TracerCloud cloud;
   cloud.density = 1e5;

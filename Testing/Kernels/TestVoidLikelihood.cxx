@@ -126,6 +126,62 @@ TEST(VoidLikelihood, EstimatesGhostsAndCountsThem) {
   EXPECT_LT(found.logChance, -50);
 }
 
+TEST(VoidLikelihood, CorrectsADiameterThatIsTenPerCentOff) {
+  const TracerCloud cloud;
+  constexpr int Frames = 12;
+  double chiSquared = 0, centreChiSquared = 0, bias = 0;
+  for (int f = 0; f < Frames; ++f) {
+    const Vector3d centre = placeBetween(-Middle, Middle, f);
+    const auto x = cloud.positions(centre, 2000 + f);
+    const ParticleIndex particles(x.data(), x.size() / 3);
+    SeedingDensity seeding(particles, 0.25 * cloud.diameter);
+    VoidLikelihoodOptions options;
+    options.diameter = (f % 2 ? 0.9 : 1.1) * cloud.diameter;
+    options.diameterSigma = 0.1 * cloud.diameter;
+    const VoidEstimate found = locateVoid(particles, seeding, centre, options);
+    const double error = found.diameter - cloud.diameter;
+    chiSquared += std::pow(error / found.diameterSigma, 2) / Frames;
+    bias += error / cloud.diameter / Frames;
+    const Vector3d off = found.centre - centre;
+    centreChiSquared += off.dot(found.covariance.inverse() * off) / (3 * Frames);
+    EXPECT_LT(std::abs(error), 0.02 * cloud.diameter);
+    EXPECT_LT(found.diameterSigma, 0.008 * cloud.diameter); // measured 0.0028
+  }
+  EXPECT_LT(std::abs(bias), 0.003);
+  EXPECT_GT(chiSquared, 0.15);
+  EXPECT_LT(chiSquared, 2);
+  EXPECT_LT(centreChiSquared, 2);
+}
+
+TEST(VoidLikelihood, ANeighbourIsNoFluidAndNoPlaceForTheSphere) {
+  // Two spheres 0.05 d apart; the other one is known. The guess lies in the middle of the other one.
+  TracerCloud cloud;
+  Body other;
+  other.diameter = 9.53e-3;
+  const Vector3d centre(0.4e-3, -3e-3, 0.2e-3);
+  other.centre = centre + Vector3d(0, 0.5 * (cloud.diameter + other.diameter) + 0.05 * cloud.diameter, 0);
+  cloud.seeding = [&](const Vector3d& x, const Vector3d&) { return other.contains(x) ? 0.005 : 1.; };
+  double chiSquared = 0;
+  constexpr int Frames = 6;
+  for (int f = 0; f < Frames; ++f) {
+    const auto x = cloud.positions(centre, 3000 + f);
+    const ParticleIndex particles(x.data(), x.size() / 3);
+    SeedingDensity seeding(particles, 0.25 * cloud.diameter);
+    VoidLikelihoodOptions options;
+    options.diameter = cloud.diameter;
+    options.others = {other};
+    const VoidEstimate found =
+        locateVoid(particles, seeding, centre + Vector3d(0, 0.4 * cloud.diameter, 0), options);
+    const Vector3d error = found.centre - centre;
+    EXPECT_LT(error.norm(), 0.02 * cloud.diameter);
+    EXPECT_NEAR(found.expectedInside, cloud.density * ballVolume(0.5 * cloud.diameter), 50);
+    chiSquared += error.dot(found.covariance.inverse() * error) / (3 * Frames);
+    const VoidEstimate inside = roughVoid(particles, seeding, other.centre, options);
+    EXPECT_TRUE(clearOf(options.others, inside.centre, 0.5 * cloud.diameter));
+  }
+  EXPECT_LT(chiSquared, 2);
+}
+
 TEST(VoidLikelihood, RefusesADiameterOfZero) {
   const float x[] = {0, 0, 0};
   const ParticleIndex particles(x, 1);
