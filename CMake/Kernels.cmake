@@ -25,6 +25,7 @@ add_library(rimflow_kernels STATIC
   Filters/Resampling/VICSharpModel.cxx
   Filters/Resampling/VICSharpProblem.cxx
   Filters/Resampling/VoidDistance.cxx
+  Filters/Locator/FlowAroundSphere.cxx
   Filters/Locator/ImportanceSampling.cxx
   Filters/Locator/PublishedCost.cxx
   Filters/Locator/SeedingDensity.cxx

@@ -7,6 +7,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <limits>
+#include <array>
 #include <cstdio>
 #include <map>
 #include <stdexcept>
@@ -24,14 +26,13 @@ double env(const char* n, double d) { return getenv(n) ? atof(getenv(n)) : d; }
 /// Divergence-free velocities that vanish on the unit sphere, columns of out (3 x orders * Size): tangential
 /// xi^(k+1) times the vector harmonics, xi = r - 1, and what continuity then makes of the normal component.
 template <int Degree, class Columns>
-void noSlipModes(const Vector3d& r, int orders, Columns&& out) {
+void noSlipModes(const Vector3d& r, const double* layers, int orders, Columns&& out) {
   using Harmonics = TangentialHarmonics<Degree>;
   const double length = r.norm(), xi = length - 1;
   const Vector3d n = r / length;
   const Harmonics h(n);
   for (int k = 0; k < orders; ++k) {
-    static const double deltas[3] = {env("D0", 0.1), env("D1", 0.3), env("D2", 1)};
-    const double d = deltas[k];
+    const double d = layers[k];
     const double e = std::exp(-xi / d), f = d * (1 - e);
     // integral of r f from the wall
     const double moment = d * (xi + 0.5 * xi * xi - d * (1 - e) - d * d + e * d * (xi + d));
@@ -56,6 +57,7 @@ constexpr int FitDegree = FD;
 using FitHarmonics = TangentialHarmonics<FitDegree>;
 constexpr int Centre = 0, Velocity = 3, Rotation = 6, Flow = 9;
 constexpr int Bins = 4;
+const double Layers[3] = {env("D0", 0.1), env("D1", 0.3), env("D2", 1)};
 
 /// A mean velocity on a short piece of a track, in units of R and U.
 struct Sample {
@@ -167,9 +169,9 @@ private:
     Matrix3d g;
     const double h = 1e-4;
     for (int a = 0; a < 3; ++a) {
-      noSlipModes<FitDegree>(r + h * Vector3d::Unit(a), orders_, modes);
+      noSlipModes<FitDegree>(r + h * Vector3d::Unit(a), Layers, orders_, modes);
       g.col(a) = modes * c;
-      noSlipModes<FitDegree>(r - h * Vector3d::Unit(a), orders_, modes);
+      noSlipModes<FitDegree>(r - h * Vector3d::Unit(a), Layers, orders_, modes);
       g.col(a) = (g.col(a) - modes * c) / (2 * h);
     }
     const Vector3d w = state_.segment<3>(Rotation);
@@ -186,7 +188,7 @@ private:
       const Sample& s = samples_[i];
       const Vector3d r = s.offset - state_.segment<3>(Centre) - drift * s.time * state_.segment<3>(Velocity);
       const Matrix3d g = gradient(r, modes);
-      noSlipModes<FitDegree>(r, orders_, modes);
+      noSlipModes<FitDegree>(r, Layers, orders_, modes);
       auto rows = design.middleRows<3>(3 * i);
       rows.middleCols<3>(Centre) = -g;
       rows.middleCols<3>(Velocity) = Matrix3d::Identity() - drift * s.time * g;
@@ -277,6 +279,97 @@ private:
   std::array<double, Bins> square_, count_;
 };
 
+// ----------------------------------------------------------------------------------------- the evidence
+
+/// Log of the probability of y ~ N(v, sigma2 (I + snr K)), sigma (prior 1/sigma) and the uniform velocity v
+/// (flat prior) integrated out; up to a constant that depends on the number of data alone.
+double logEvidence(const MatrixXd& k, double snr, const VectorXd& y) {
+  const Eigen::Index rows = y.size();
+  MatrixXd s = snr * k;
+  s.diagonal().array() += 1;
+  const Eigen::LLT<MatrixXd> llt(s);
+  MatrixXd x(rows, 4); // the uniform velocities, and y; all over the root of the covariance
+  for (Eigen::Index i = 0; i < rows; i += 3) x.block<3, 3>(i, 0).setIdentity();
+  x.col(3) = y;
+  llt.matrixL().solveInPlace(x);
+  const Matrix3d g = x.leftCols<3>().transpose() * x.leftCols<3>();
+  const Vector3d b = x.leftCols<3>().transpose() * x.col(3);
+  const double squares = x.col(3).squaredNorm() - b.dot(g.ldlt().solve(b));
+  return -llt.matrixLLT().diagonal().array().log().sum() - 0.5 * std::log(g.determinant()) -
+         0.5 * double(rows - 3) * std::log(std::max(squares, 1e-300));
+}
+
+/// Of the models, as they come: the log of the mean probability, and the best.
+struct ModelAverage {
+  double best = -std::numeric_limits<double>::infinity(), sum = 0; // sum of exp(log - best)
+  int models = 0;
+  /// True when it is the best so far.
+  bool add(double log) {
+    ++models;
+    if (log <= best) {
+      sum += std::exp(log - best);
+      return false;
+    }
+    sum = sum * std::exp(best - log) + 1;
+    best = log;
+    return true;
+  }
+  double log() const { return best + std::log(sum / models); }
+};
+
+/// Covariance of an isotropic divergence-free velocity of unit variance and correlation length `length`:
+/// the curl of a vector potential with covariance exp(-r2/2 length2).
+MatrixXd smoothFlow(const std::vector<Vector3d>& x, double length) {
+  const Eigen::Index n = Eigen::Index(x.size());
+  MatrixXd k(3 * n, 3 * n);
+  for (Eigen::Index i = 0; i < n; ++i)
+    for (Eigen::Index j = 0; j <= i; ++j) {
+      const Vector3d r = (x[i] - x[j]) / length;
+      const Matrix3d m = 0.5 * std::exp(-0.5 * r.squaredNorm()) *
+                         ((2 - r.squaredNorm()) * Matrix3d::Identity() + r * r.transpose());
+      k.block<3, 3>(3 * i, 3 * j) = m;
+      k.block<3, 3>(3 * j, 3 * i) = m;
+    }
+  return k;
+}
+
+/// Keeps `count` of them, evenly along the list (which follows the index's cells), and returns the velocities.
+VectorXd thinOut(std::vector<Vector3d>& x, const std::vector<Vector3d>& u, int count) {
+  const std::size_t n = x.size(), keep = std::min<std::size_t>(n, count);
+  VectorXd y(3 * keep);
+  for (std::size_t i = 0; i < keep; ++i) {
+    const std::size_t from = i * n / keep;
+    x[i] = x[from];
+    y.segment<3>(3 * i) = u[from];
+  }
+  x.resize(keep);
+  return y;
+}
+
+constexpr double SignalToNoise[] = {1e-2, 1, 10, 100, 1e3, 1e4, 1e5}; // variances
+constexpr double Hopeless = -80; // log Bayes factor that no shift of the centre makes up for
+constexpr double NearestToCentre = 0.97;                              // R; nearer tracers would be ghosts
+constexpr int EvidenceDegree = 3;
+/// The same of the flow around a body with a boundary layer of this thickness (R), relative to the body.
+MatrixXd flowAroundBody(const std::vector<Vector3d>& x, const Vector3d& centre, double thickness) {
+  using Harmonics = TangentialHarmonics<EvidenceDegree>;
+  const Eigen::Index n = Eigen::Index(x.size());
+  MatrixXd m(3 * n, 3 + 2 * Harmonics::Size);
+  const double layers[2] = {thickness, 3 * thickness};
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const Vector3d r = x[i] - centre;
+    m.block<3, 3>(3 * i, 0) = 0.3 * crossWith(r);
+    noSlipModes<EvidenceDegree>(r, layers, 2, m.block(3 * i, 3, 3, 2 * Harmonics::Size));
+  }
+  const std::vector<int> degrees = Harmonics::degrees();
+  for (int k = 0; k < 2; ++k)
+    for (int i = 0; i < Harmonics::Size; ++i)
+      m.col(3 + k * Harmonics::Size + i) *= 1 / layers[k] / std::pow(degrees[i], 2);
+  MatrixXd k = MatrixXd::Zero(3 * n, 3 * n);
+  k.selfadjointView<Eigen::Lower>().rankUpdate(m);
+  return k;
+}
+
 } // namespace
 
 FlowFit fitFlow(const std::vector<FlowView>& views, const FlowFitOptions& options) {
@@ -290,6 +383,62 @@ FlowFit fitFlow(const std::vector<FlowView>& views, const FlowFitOptions& option
   }
   fit.solve();
   return fit.result();
+}
+
+FlowEvidence flowEvidence(const std::vector<WallParticle>& particles, const FlowEvidenceOptions& options) {
+  if (!(options.radius > 0)) throw std::invalid_argument("The sphere's radius must be greater than 0.");
+  std::vector<Vector3d> x, u;
+  for (const WallParticle& p : particles) {
+    const Vector3d r = p.offset.cast<double>() / options.radius;
+    if (!(r.norm() > NearestToCentre && r.norm() < 1 + options.reach) || !p.velocity.allFinite()) continue;
+    x.push_back(r);
+    u.push_back(p.velocity.cast<double>());
+  }
+  FlowEvidence result;
+  result.particles = int(x.size());
+  if (result.particles < options.minimumParticles) return result;
+  const VectorXd y = thinOut(x, u, options.samples);
+
+  ModelAverage fluid, body;
+  for (double length : {0.5, 1., 2., 4., 8.}) {
+    const MatrixXd k = smoothFlow(x, length);
+    for (double snr : SignalToNoise) fluid.add(logEvidence(k, snr, y));
+  }
+  double thickness = 0, snr = 0;
+  for (double t : {0.1, 0.3, 1.}) {
+    const MatrixXd k = flowAroundBody(x, Vector3d::Zero(), t);
+    for (double s : SignalToNoise)
+      if (body.add(logEvidence(k, s, y))) thickness = t, snr = s;
+  }
+  // The place is known to some R/10 only: climb, and count every place looked at as a model as probable as
+  // the first, all its scales together.
+  if (body.log() - fluid.log() < Hopeless) {
+    result.logBayesFactor = body.log() - fluid.log();
+    return result;
+  }
+  const int scales = body.models;
+  double top = body.best;
+  Vector3d at = Vector3d::Zero();
+  for (double step = 0.12; step > 0.05; step *= 0.5)
+    for (bool moved = true; moved;) {
+      moved = false;
+      for (int a = 0; a < 6; ++a) {
+        const Vector3d c = at + (a % 2 ? -step : step) * Vector3d::Unit(a / 2);
+        if (c.norm() > options.centreError) continue;
+        const double e = logEvidence(flowAroundBody(x, c, thickness), snr, y);
+        body.add(e);
+        body.models += scales - 1;
+        if (e > top) {
+          top = e;
+          at = c;
+          moved = true;
+          break;
+        }
+      }
+    }
+  result.logBayesFactor = body.log() - fluid.log();
+  result.centre = options.radius * at;
+  return result;
 }
 
 } // namespace rimflow

@@ -38,11 +38,26 @@ struct FlowFit {
 FlowFit fitFlow(const std::vector<FlowView>& views, const FlowFitOptions& options);
 
 struct FlowEvidenceOptions {
-  double radius = 0;  ///< R of the sphere, m, > 0
-  double reach = 0.6; ///< tracers R to (1 + reach) R from the centre are used, R, 0.1 to 1
-  int samples = 150;  ///< at most so many velocities
+  double radius = 0;        ///< R of the sphere, m, > 0
+  double reach = 0.6;       ///< tracers up to this distance from the wall are used, R, 0.1 to 2
+  double centreError = 0.3; ///< the centre may lie this far from the origin of the offsets, R, >= 0
+  int minimumParticles = 15; ///< fewer: no evidence
+  int samples = 60;          ///< at most so many of them, evenly chosen
 };
 
-double flowEvidence(const std::vector<WallParticle>& particles, const FlowEvidenceOptions& options);
+struct FlowEvidence {
+  double logBayesFactor = 0; ///< body over fluid; 0 when there are too few tracers
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero(); ///< where the flow would rather see it, m; steps of 0.06 R
+  int particles = 0;         ///< around the place
+};
+
+/// Whether the velocities around a place are those of the flow around a no-slip sphere, or of fluid
+/// everywhere: the ratio of the probabilities of the data, each averaged over its prior (Bayesian linear
+/// regression with unknown noise; MacKay 1992).
+/// - Body: V + omega x r + a divergence-free flow that vanishes on the wall (vector harmonics up to degree 3,
+///   two boundary layers each), averaged over the layers' thickness and over the centre.
+/// - Fluid: V + an isotropic divergence-free Gaussian field, averaged over its correlation length.
+/// Both are averaged over the signal-to-noise ratio. One snapshot; track ids are not used.
+FlowEvidence flowEvidence(const std::vector<WallParticle>& particles, const FlowEvidenceOptions& options);
 
 } // namespace rimflow
