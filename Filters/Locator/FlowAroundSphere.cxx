@@ -48,235 +48,207 @@ Matrix3d crossWith(const Vector3d& r) {
   return m;
 }
 
-// ---------------------------------------------------------------------------------------------- the fit
-
-#ifndef FD
-#define FD 4
-#endif
-constexpr int FitDegree = FD;
+constexpr int FitDegree = 4, Layers = 3;
 using FitHarmonics = TangentialHarmonics<FitDegree>;
-constexpr int Centre = 0, Velocity = 3, Rotation = 6, Flow = 9;
-constexpr int Bins = 4;
-const double Layers[3] = {env("D0", 0.1), env("D1", 0.3), env("D2", 1)};
+constexpr double LayerThickness[Layers] = {0.1, 0.3, 1}; // R; together they make any boundary layer
+constexpr double PieceLength = 0.15, Innermost = 0.85;   // R
+constexpr double LargestStep = 0.06;                     // of the centre per round, R
+constexpr int Bands = 4;                                 // of the distance from the wall, each with its noise
 
-/// A mean velocity on a short piece of a track, in units of R and U.
+/// Where the unknowns stand; lengths over R, velocities over U.
+enum Unknown { Centre = 0, Velocity = 3, Rotation = 6, Flow = 9 };
+constexpr int Unknowns = Flow + Layers * FitHarmonics::Size;
+
+/// The mean over a short piece of a track.
 struct Sample {
   Vector3d offset = Vector3d::Zero(), velocity = Vector3d::Zero();
-  double time = 0;
-  int track = 0, count = 0;
+  double time = 0; // from the middle, half the span is 1
+  int count = 0;
+  double share = 1; // 1 over the pieces of its track: a track counts once
 };
+
+/// The data of a fit, whatever its options.
+struct Tracks {
+  std::vector<std::vector<Sample>> pieces; // per track
+  double time = 0, halfSpan = 1, speed = 0;
+};
+
+Tracks collect(const std::vector<FlowView>& views, const FlowFitOptions& o) {
+  Tracks t;
+  t.time = 0.5 * (views.front().time + views.back().time);
+  t.halfSpan = std::max(0.5 * (views.back().time - views.front().time), 1e-12);
+  std::map<std::int64_t, std::vector<Sample>> byTrack;
+  std::int64_t unknown = -1;
+  double squares = 0, n = 0;
+  for (const FlowView& view : views)
+    for (const WallParticle& p : view.particles) {
+      const Vector3d x = p.offset.cast<double>() / o.radius;
+      const Vector3d u = p.velocity.cast<double>() - view.velocity;
+      if (!(x.norm() < 1 + 1.3 * o.reach && x.norm() > Innermost) || !u.allFinite()) continue;
+      squares += u.squaredNorm();
+      ++n;
+      std::vector<Sample>& track = byTrack[p.track >= 0 ? p.track : unknown--];
+      if (track.empty() || (x - track.back().offset / track.back().count).norm() > PieceLength)
+        track.emplace_back();
+      Sample& piece = track.back();
+      piece.offset += x;
+      piece.velocity += u;
+      piece.time += (view.time - t.time) / t.halfSpan;
+      ++piece.count;
+    }
+  t.speed = std::sqrt(squares / std::max(n, 1.)) + 1e-12;
+  std::size_t pieces = 0;
+  for (const auto& track : byTrack) pieces += track.second.size();
+  const double keep = std::min(1., o.samples / std::max(double(pieces), 1.));
+  double owed = 0.5; // every (1/keep)th track
+  for (auto& [id, list] : byTrack) {
+    owed += keep;
+    if (owed < 1) continue;
+    owed -= 1;
+    for (Sample& s : list) {
+      s.offset /= s.count;
+      s.velocity /= s.count * t.speed;
+      s.time /= s.count;
+    }
+    t.pieces.push_back(std::move(list));
+  }
+  return t;
+}
 
 class Fit {
 public:
-  Fit(const std::vector<FlowView>& views, const FlowFitOptions& o, double reach, int orders) : o_(o), reach_(reach), orders_(orders) {
-    time_ = 0.5 * (views.front().time + views.back().time);
-    half_ = std::max(0.5 * (views.back().time - views.front().time), 1e-12);
-    collect(views);
-    unknowns_ = Flow + orders_ * FitHarmonics::Size;
-    state_ = VectorXd::Zero(unknowns_);
+  Fit(const Tracks& tracks, const FlowFitOptions& o, double reach, double layerScale) : reach_(reach) {
+    for (const auto& track : tracks.pieces) {
+      const std::size_t before = samples_.size();
+      for (const Sample& s : track)
+        if (s.offset.norm() < 1 + reach) samples_.push_back(s);
+      for (std::size_t i = before; i < samples_.size(); ++i) samples_[i].share = 1. / (samples_.size() - before);
+      count_ += samples_.size() > before;
+    }
+    for (int k = 0; k < Layers; ++k) layers_[k] = layerScale * LayerThickness[k];
+    drift_ = tracks.speed * tracks.halfSpan / o.radius;
+    centreVariance_ = std::pow(o.centrePrior > 0 ? o.centrePrior / o.radius : 0.2, 2);
+    velocityVariance_ = std::pow(o.velocityPrior > 0 ? o.velocityPrior / tracks.speed : 0.2, 2);
+    noise_.fill(0.01);
+    amplitude_.fill(4);
   }
-  int tracks() const { return tracks_; }
-  void solve() {
-    bandVariance_.assign(Bins, 0.01);
-    amplitude_.assign(orders_, 0);
-    for (int k = 0; k < orders_; ++k) amplitude_[k] = 4;
-    weights_.assign(samples_.size(), 1);
-    const int rounds = int(env("ROUNDS", 6));
-    for (int round = 0; round < rounds; ++round) {
-      linearise();
+
+  int tracks() const { return count_; }
+  int samples() const { return int(samples_.size()); }
+  const VectorXd& state() const { return state_; }
+  const MatrixXd& covariance() const { return covariance_; }
+  double noise() const { return std::sqrt(noise_[0]); }
+
+  /// Gauss-Newton for the centre; in between the variances, and all that is linear. start: the first nine.
+  void solve(const VectorXd& start, int rounds) {
+    state_.head<Flow>() = start;
+    for (int round = 0; round <= rounds; ++round) {
+      linearise(round > 0);
       const Vector3d before = state_.segment<3>(Centre);
-      for (int k = 0; k < (round == 0 ? 8 : 4); ++k) regress();
-      Vector3d step = state_.segment<3>(Centre) - before;
-      if (step.norm() > 0.06) state_.segment<3>(Centre) = before + step * (0.06 / step.norm());
-      if (round > 1 && step.norm() < 2e-4) break;
+      for (int k = 0; k < (round == 0 ? 5 : 3); ++k) regress();
+      const Vector3d step = state_.segment<3>(Centre) - before;
+      // Without a flow there is no telling where the wall is: the first round is for the flow.
+      const double longest = round == 0 ? 0 : LargestStep;
+      if (step.norm() > longest) state_.segment<3>(Centre) = before + step * (longest / step.norm());
+      if (round > 1 && step.norm() < 1e-3) break;
     }
-  }
-  FlowFit result() const {
-    FlowFit f;
-    f.enough = true;
-    f.time = time_;
-    f.tracks = tracks_;
-    f.samples = int(samples_.size());
-    f.centre = o_.radius * state_.segment<3>(Centre);
-    f.velocity = speed_ * state_.segment<3>(Velocity);
-    f.angularVelocity = speed_ / o_.radius * state_.segment<3>(Rotation);
-    VectorXd unit(6);
-    unit << Vector3d::Constant(o_.radius), Vector3d::Constant(speed_);
-    f.covariance = unit.asDiagonal() * covariance_.topLeftCorner<6, 6>() * unit.asDiagonal();
-    f.angularVelocityCovariance = std::pow(speed_ / o_.radius, 2) * covariance_.block<3, 3>(Rotation, Rotation);
-    f.noise = speed_ * std::sqrt(bandVariance_[0]);
-    if (getenv("VERB")) {
-      printf("   bins");
-      for (int b = 0; b < Bins; ++b) printf(" %.4f", std::sqrt(bandVariance_[b]));
-      printf(" amp");
-      for (double a : amplitude_) printf(" %.3g", std::sqrt(a));
-      printf(" U %.3f samples %zu tracks %d\n", speed_, samples_.size(), tracks_);
-    }
-    return f;
   }
 
 private:
-  void collect(const std::vector<FlowView>& views) {
-    const double outer = (1 + reach_) , inner = 0.85;
-    std::map<std::int64_t, std::vector<Sample>> byTrack;
-    std::int64_t unknown = -1;
-    double squares = 0;
-    std::size_t n = 0;
-    for (const FlowView& v : views)
-      for (const WallParticle& p : v.particles) {
-        Sample s;
-        s.offset = p.offset.cast<double>() / o_.radius;
-        const double r = s.offset.norm();
-        if (!(r < outer && r > inner) || !p.velocity.allFinite()) continue;
-        s.velocity = p.velocity.cast<double>() - v.velocity;
-        s.time = (v.time - time_) / half_;
-        s.count = 1;
-        squares += s.velocity.squaredNorm();
-        ++n;
-        std::vector<Sample>& track = byTrack[p.track >= 0 ? p.track : unknown--];
-        // Goes to the present piece of its track, or starts a new one.
-        if (!track.empty() && (s.offset - track.back().offset / track.back().count).norm() < 0.15) {
-          Sample& piece = track.back();
-          piece.offset += s.offset;
-          piece.velocity += s.velocity;
-          piece.time += s.time;
-          ++piece.count;
-        } else
-          track.push_back(s);
-      }
-    speed_ = std::sqrt(squares / std::max<std::size_t>(n, 1)) + 1e-12;
-    std::size_t pieces = 0;
-    for (const auto& t : byTrack) pieces += t.second.size();
-    const double share = std::min(1., o_.samples / double(std::max<std::size_t>(pieces, 1)));
-    double owed = 0.5;
-    for (const auto& [id, list] : byTrack) {
-      owed += share;
-      if (owed < 1) continue;
-      owed -= 1;
-      for (Sample s : list) {
-        s.offset /= s.count;
-        s.velocity /= s.count * speed_;
-        s.time /= s.count;
-        s.track = tracks_;
-        samples_.push_back(s);
-      }
-      ++tracks_;
-    }
+  using Modes = Eigen::Matrix<double, 3, Layers * FitHarmonics::Size>;
+  Vector3d offset(const Sample& s) const {
+    return s.offset - state_.segment<3>(Centre) - drift_ * s.time * state_.segment<3>(Velocity);
   }
-  /// The model's velocity and its gradient at r.
-  Matrix3d gradient(const Vector3d& r, MatrixXd& modes) const {
-    const auto c = state_.tail(unknowns_ - Flow);
+  Modes modes(const Vector3d& r) const {
+    Modes m;
+    noSlipModes<FitDegree>(r, layers_.data(), Layers, m);
+    return m;
+  }
+  /// Of the flow relative to the body, at r: central differences.
+  Matrix3d gradient(const Vector3d& r) const {
+    constexpr double h = 1e-4;
     Matrix3d g;
-    const double h = 1e-4;
-    for (int a = 0; a < 3; ++a) {
-      noSlipModes<FitDegree>(r + h * Vector3d::Unit(a), Layers, orders_, modes);
-      g.col(a) = modes * c;
-      noSlipModes<FitDegree>(r - h * Vector3d::Unit(a), Layers, orders_, modes);
-      g.col(a) = (g.col(a) - modes * c) / (2 * h);
-    }
-    const Vector3d w = state_.segment<3>(Rotation);
-    return g + (Matrix3d() << 0, -w.z(), w.y(), w.z(), 0, -w.x(), -w.y(), w.x(), 0).finished();
+    for (int a = 0; a < 3; ++a)
+      g.col(a) = (modes(r + h * Vector3d::Unit(a)) - modes(r - h * Vector3d::Unit(a))) *
+                 state_.tail(Unknowns - Flow) / (2 * h);
+    return g - crossWith(state_.segment<3>(Rotation)).transpose();
   }
-  void linearise() {
-    const Eigen::Index n = Eigen::Index(samples_.size());
-    const double drift = speed_ * half_ / o_.radius; // of the path in units of R per unit of velocity
-    MatrixXd modes(3, orders_ * FitHarmonics::Size), design(3 * n, unknowns_);
-    VectorXd y(3 * n);
-    std::vector<int> bin(n);
-    std::vector<double> xi(n);
-    for (Eigen::Index i = 0; i < n; ++i) {
-      const Sample& s = samples_[i];
-      const Vector3d r = s.offset - state_.segment<3>(Centre) - drift * s.time * state_.segment<3>(Velocity);
-      const Matrix3d g = gradient(r, modes);
-      noSlipModes<FitDegree>(r, Layers, orders_, modes);
-      auto rows = design.middleRows<3>(3 * i);
-      rows.middleCols<3>(Centre) = -g;
-      rows.middleCols<3>(Velocity) = Matrix3d::Identity() - drift * s.time * g;
-      rows.middleCols<3>(Rotation) = crossWith(r);
-      rows.rightCols(unknowns_ - Flow) = modes;
-      const Vector3d model = state_.segment<3>(Velocity) + rows.middleCols<3>(Rotation) * state_.segment<3>(Rotation) +
-                             modes * state_.tail(unknowns_ - Flow);
-      const Vector3d residual = s.velocity - model;
-      y.segment<3>(3 * i) = residual + rows * state_;
-      xi[i] = r.norm() - 1;
-      bin[i] = std::min(Bins - 1, std::max(0, int(Bins * xi[i] / reach_)));
-      const double nu = 4;
-      weights_[i] = any_ ? (nu + 3) / (nu + residual.squaredNorm() / bandVariance_[bin[i]]) : 1;
-    }
-    any_ = true;
-    const std::vector<int> pieces = [&] { std::vector<int> c(tracks_); for (auto& s : samples_) ++c[s.track]; return c; }();
-    for (int b = 0; b < Bins; ++b) {
-      std::vector<Eigen::Index> mine;
-      for (Eigen::Index i = 0; i < n; ++i)
-        if (bin[i] == b) mine.push_back(i);
-      MatrixXd x(3 * mine.size(), unknowns_);
-      VectorXd z(3 * mine.size());
-      count_[b] = 0;
-      for (std::size_t j = 0; j < mine.size(); ++j) {
-        double w = weights_[mine[j]] / std::pow(pieces[samples_[mine[j]].track], env("PIECE", 0));
-        count_[b] += 3 * w;
-        w = std::sqrt(w);
-        x.middleRows<3>(3 * j) = w * design.middleRows<3>(3 * mine[j]);
-        z.segment<3>(3 * j) = w * y.segment<3>(3 * mine[j]);
+
+  /// velocity = V + omega x r + flow(r), r = offset - centre - V time, about the present state: y = X state.
+  void linearise(bool robust) {
+    std::array<std::vector<std::size_t>, Bands> members;
+    for (std::size_t i = 0; i < samples_.size(); ++i)
+      members[std::clamp(int(Bands * (offset(samples_[i]).norm() - 1) / reach_), 0, Bands - 1)].push_back(i);
+    for (int b = 0; b < Bands; ++b) {
+      MatrixXd x(3 * members[b].size(), Unknowns);
+      VectorXd y(x.rows());
+      weight_[b] = 0;
+      for (std::size_t j = 0; j < members[b].size(); ++j) {
+        const Sample& s = samples_[members[b][j]];
+        const Vector3d r = offset(s);
+        const Matrix3d g = gradient(r);
+        auto rows = x.middleRows<3>(3 * j);
+        rows.rightCols<Unknowns - Flow>() = modes(r);
+        rows.middleCols<3>(Rotation) = crossWith(r);
+        rows.middleCols<3>(Velocity) = Matrix3d::Identity();
+        rows.middleCols<3>(Centre).setZero();
+        const Vector3d residual = s.velocity - rows * state_;
+        rows.middleCols<3>(Centre) = -g;
+        rows.middleCols<3>(Velocity) -= drift_ * s.time * g;
+        // Student's t with 4 degrees of freedom: ghosts count little.
+        const double w = s.share * (robust ? 7 / (4 + residual.squaredNorm() / noise_[b]) : 1);
+        y.segment<3>(3 * j) = std::sqrt(w) * (residual + rows * state_);
+        rows *= std::sqrt(w);
+        weight_[b] += 3 * w;
       }
-      gram_[b] = MatrixXd::Zero(unknowns_, unknowns_);
+      gram_[b] = MatrixXd::Zero(Unknowns, Unknowns);
       gram_[b].selfadjointView<Eigen::Lower>().rankUpdate(x.transpose());
       gram_[b].triangularView<Eigen::StrictlyUpper>() = gram_[b].transpose();
-      moment_[b] = x.transpose() * z;
-      square_[b] = z.squaredNorm();
-    }
-  }
-  void regress() {
-    VectorXd prior(unknowns_);
-    const double c = o_.centrePrior > 0 ? o_.centrePrior / o_.radius : 0.2;
-    const double v = o_.velocityPrior > 0 ? o_.velocityPrior / speed_ : 0.2;
-    prior.segment<3>(Centre).setConstant(c * c);
-    prior.segment<3>(Velocity).setConstant(v * v);
-    prior.segment<3>(Rotation).setConstant(0.3 * 0.3);
-    const std::vector<int> degrees = FitHarmonics::degrees();
-    const double fall = env("FALL", 4);
-    VectorXd shape(unknowns_ - Flow);
-    for (int k = 0; k < orders_; ++k)
-      for (int i = 0; i < FitHarmonics::Size; ++i) {
-        shape[k * FitHarmonics::Size + i] = std::pow(degrees[i], -fall);
-        prior[Flow + k * FitHarmonics::Size + i] = amplitude_[k] * shape[k * FitHarmonics::Size + i];
-      }
-    MatrixXd a = MatrixXd::Zero(unknowns_, unknowns_);
-    VectorXd b = VectorXd::Zero(unknowns_);
-    for (int k = 0; k < Bins; ++k) {
-      a += gram_[k] / bandVariance_[k];
-      b += moment_[k] / bandVariance_[k];
-    }
-    a.diagonal() += prior.cwiseInverse();
-    covariance_ = a.llt().solve(MatrixXd::Identity(unknowns_, unknowns_));
-    state_ = covariance_ * b;
-    // MacKay (1992): the most probable variances, each against the degrees of freedom that the data leave it.
-    for (int k = 0; k < Bins; ++k) {
-      const double squares = square_[k] - 2 * state_.dot(moment_[k]) + state_.dot(gram_[k] * state_);
-      const double used = covariance_.cwiseProduct(gram_[k]).sum() / bandVariance_[k];
-      const double nu = 6, typical = bandVariance_[k];
-      bandVariance_[k] = std::max(1e-6, (std::max(squares, 0.) + nu * typical) / (std::max(count_[k] - used, 0.) + nu));
-    }
-    for (int k = 0; k < orders_; ++k) {
-      const int from = Flow + k * FitHarmonics::Size, n = FitHarmonics::Size;
-      const VectorXd q = shape.segment(k * n, n);
-      const double squares = (state_.segment(from, n).cwiseAbs2() + covariance_.diagonal().segment(from, n)).cwiseQuotient(q).sum();
-      amplitude_[k] = squares / n;
+      moment_[b] = x.transpose() * y;
+      square_[b] = y.squaredNorm();
     }
   }
 
-  const FlowFitOptions& o_;
-  double reach_;
-  int orders_, unknowns_ = 0, tracks_ = 0;
-  double time_ = 0, half_ = 1, speed_ = 1;
+  /// The linear regression with the present variances, then the variances that suit it: of the noise against
+  /// the degrees of freedom that the fit leaves (MacKay 1992), of the flow by expectation-maximisation.
+  void regress() {
+    constexpr int N = FitHarmonics::Size;
+    VectorXd rule(N), precision(Unknowns);
+    const std::vector<int> degrees = FitHarmonics::degrees();
+    for (int i = 0; i < N; ++i) rule[i] = std::pow(degrees[i], -4);
+    precision.segment<3>(Centre).setConstant(1 / centreVariance_);
+    precision.segment<3>(Velocity).setConstant(1 / velocityVariance_);
+    precision.segment<3>(Rotation).setConstant(1 / 0.09);
+    for (int k = 0; k < Layers; ++k)
+      precision.segment<N>(Flow + k * N) = (amplitude_[k] * rule).cwiseInverse();
+    MatrixXd a = precision.asDiagonal();
+    VectorXd b = VectorXd::Zero(Unknowns);
+    for (int k = 0; k < Bands; ++k) {
+      a += gram_[k] / noise_[k];
+      b += moment_[k] / noise_[k];
+    }
+    covariance_ = a.llt().solve(MatrixXd::Identity(Unknowns, Unknowns));
+    state_ = covariance_ * b;
+    for (int k = 0; k < Bands; ++k) {
+      const double squares = square_[k] - 2 * state_.dot(moment_[k]) + state_.dot(gram_[k] * state_);
+      const double used = covariance_.cwiseProduct(gram_[k]).sum() / noise_[k];
+      constexpr double nu = 6; // of the last value, lest a band with few samples runs away
+      noise_[k] = std::max(1e-6, (std::max(squares, 0.) + nu * noise_[k]) / (std::max(weight_[k] - used, 0.) + nu));
+    }
+    const VectorXd power = state_.cwiseAbs2() + covariance_.diagonal();
+    for (int k = 0; k < Layers; ++k)
+      amplitude_[k] = power.segment<N>(Flow + k * N).cwiseQuotient(rule).mean();
+  }
+  double reach_, drift_, centreVariance_, velocityVariance_;
+  int count_ = 0;
+  std::array<double, Layers> layers_, amplitude_;
   std::vector<Sample> samples_;
-  VectorXd state_;
+  VectorXd state_ = VectorXd::Zero(Unknowns);
   MatrixXd covariance_;
-  std::vector<double> bandVariance_, amplitude_, weights_;
-  bool any_ = false;
-  std::array<MatrixXd, Bins> gram_;
-  std::array<VectorXd, Bins> moment_;
-  std::array<double, Bins> square_, count_;
+  std::array<double, Bands> noise_; // variance
+  std::array<MatrixXd, Bands> gram_;
+  std::array<VectorXd, Bands> moment_;
+  std::array<double, Bands> square_, weight_;
 };
 
 // ----------------------------------------------------------------------------------------- the evidence
@@ -374,15 +346,37 @@ MatrixXd flowAroundBody(const std::vector<Vector3d>& x, const Vector3d& centre, 
 
 FlowFit fitFlow(const std::vector<FlowView>& views, const FlowFitOptions& options) {
   if (!(options.radius > 0)) throw std::invalid_argument("The sphere's radius must be greater than 0.");
-  if (views.empty()) return {};
-  Fit fit(views, options, options.reach, int(env("ORDERS", 3)));
-  if (fit.tracks() < options.minimumTracks) {
-    FlowFit few;
-    few.tracks = fit.tracks();
-    return few;
+  FlowFit f;
+  if (views.empty()) return f;
+  const Tracks tracks = collect(views, options);
+  Fit fit(tracks, options, options.reach, 1);
+  f.time = tracks.time;
+  f.tracks = fit.tracks();
+  f.samples = fit.samples();
+  if (f.tracks < options.minimumTracks) return f;
+  fit.solve(VectorXd::Zero(Flow), 6);
+  const VectorXd best = fit.state().head<Flow>();
+  MatrixXd covariance = fit.covariance().topLeftCorner<Flow, Flow>();
+  // What the answer owes to the choice of the model.
+  for (const auto& [reach, layers] : {std::pair(0.75, 0.7), std::pair(1.3, 1.4)}) {
+    Fit other(tracks, options, reach * options.reach, layers);
+    if (other.tracks() < options.minimumTracks) continue;
+    other.solve(best, 3);
+    const VectorXd difference = other.state().head<Flow>() - best;
+    covariance += env("SYS", 0.25) * difference * difference.transpose();
+    for (int k = 0; k < Flow; k += 3)
+      covariance.block<3, 3>(k, k).diagonal().array() += env("SYS2", 0.25) / 3 * difference.segment<3>(k).squaredNorm();
   }
-  fit.solve();
-  return fit.result();
+  f.enough = true;
+  f.centre = options.radius * best.segment<3>(Centre);
+  f.velocity = tracks.speed * best.segment<3>(Velocity);
+  f.angularVelocity = tracks.speed / options.radius * best.segment<3>(Rotation);
+  Eigen::Matrix<double, 6, 1> unit;
+  unit << Vector3d::Constant(options.radius), Vector3d::Constant(tracks.speed);
+  f.covariance = unit.asDiagonal() * covariance.topLeftCorner<6, 6>() * unit.asDiagonal();
+  f.angularVelocityCovariance = std::pow(tracks.speed / options.radius, 2) * covariance.block<3, 3>(Rotation, Rotation);
+  f.noise = tracks.speed * fit.noise();
+  return f;
 }
 
 FlowEvidence flowEvidence(const std::vector<WallParticle>& particles, const FlowEvidenceOptions& options) {

@@ -48,7 +48,7 @@ CaptureResult captureSphere(const ParticleIndex& particles, SeedingDensity& seed
                             const Progress& progress = {}, const float* velocities = nullptr);
 
 /// Share of a find that the flow may contribute.
-constexpr double FlowShare = 0.85;
+constexpr double FlowShare = 0.95;
 
 /// Whether a void is closed as a sphere's is. Each part next to the wall is asked whether it holds as many
 /// particles as the fluid or as few as the ball (log likelihood ratio of the Poisson counts, in nats):
