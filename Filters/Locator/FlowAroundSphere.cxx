@@ -128,7 +128,7 @@ public:
     for (int k = 0; k < Layers; ++k) layers_[k] = layerScale * LayerThickness[k];
     drift_ = tracks.speed * tracks.halfSpan / o.radius;
     centreVariance_ = std::pow(o.centrePrior > 0 ? o.centrePrior / o.radius : 0.2, 2);
-    velocityVariance_ = std::pow(o.velocityPrior > 0 ? o.velocityPrior / tracks.speed : 0.2, 2);
+    velocityVariance_ = std::pow(o.velocityPrior > 0 ? o.velocityPrior / tracks.speed : env("VP",1), 2);
     noise_.fill(0.01);
     amplitude_.fill(4);
   }
