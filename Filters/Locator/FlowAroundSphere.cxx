@@ -3,13 +3,11 @@
 #include "TangentialHarmonics.h"
 
 #include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
 #include <algorithm>
-#include <cmath>
-#include <cstdlib>
-#include <limits>
 #include <array>
-#include <cstdio>
+#include <cmath>
+#include <limits>
 #include <map>
 #include <stdexcept>
 
@@ -21,21 +19,19 @@ using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
-double env(const char* n, double d) { return getenv(n) ? atof(getenv(n)) : d; }
-
-/// Divergence-free velocities that vanish on the unit sphere, columns of out (3 x orders * Size): tangential
-/// xi^(k+1) times the vector harmonics, xi = r - 1, and what continuity then makes of the normal component.
+/// Divergence-free velocities at r that vanish on the unit sphere, columns of out (3 x count * Size): with
+/// s = |r| - 1, tangential f(s) = d (1 - exp(-s/d)) times the vector harmonics for each layer thickness d,
+/// and normal -1/r2 integral of (1 + s) f ds times their divergence (continuity).
 template <int Degree, class Columns>
-void noSlipModes(const Vector3d& r, const double* layers, int orders, Columns&& out) {
+void noSlipModes(const Vector3d& r, const double* layers, int count, Columns&& out) {
   using Harmonics = TangentialHarmonics<Degree>;
-  const double length = r.norm(), xi = length - 1;
+  const double length = r.norm(), s = length - 1;
   const Vector3d n = r / length;
   const Harmonics h(n);
-  for (int k = 0; k < orders; ++k) {
+  for (int k = 0; k < count; ++k) {
     const double d = layers[k];
-    const double e = std::exp(-xi / d), f = d * (1 - e);
-    // integral of r f from the wall
-    const double moment = d * (xi + 0.5 * xi * xi - d * (1 - e) - d * d + e * d * (xi + d));
+    const double e = std::exp(-s / d), f = d * (1 - e);
+    const double moment = d * (s + 0.5 * s * s - d * (1 - e) - d * d + e * d * (s + d));
     out.template middleCols<Harmonics::Size>(k * Harmonics::Size) =
         f * h.field - moment / (length * length) * n * h.divergence.transpose();
   }
@@ -48,12 +44,20 @@ Matrix3d crossWith(const Vector3d& r) {
   return m;
 }
 
+void check(double radius, double reach) {
+  if (!(radius > 0)) throw std::invalid_argument("The sphere's radius must be greater than 0.");
+  if (!(reach >= 0.1 && reach <= 2))
+    throw std::invalid_argument("The reach must be 0.1 to 2 of the sphere's radius.");
+}
+
 constexpr int FitDegree = 4, Layers = 3;
 using FitHarmonics = TangentialHarmonics<FitDegree>;
 constexpr double LayerThickness[Layers] = {0.1, 0.3, 1}; // R; together they make any boundary layer
 constexpr double PieceLength = 0.15, Innermost = 0.85;   // R
 constexpr double LargestStep = 0.06;                     // of the centre per round, R
-constexpr int Bands = 4;                                 // of the distance from the wall, each with its noise
+constexpr double FewTracks = 60;     // do not determine the scales of flow and noise: measured, see the docs
+constexpr double LeastSigma = 0.001; // of any component of the answer, R, U or U/R
+constexpr int Bands = 4;             // of the distance from the wall, each with its noise
 
 /// Where the unknowns stand; lengths over R, velocities over U.
 enum Unknown { Centre = 0, Velocity = 3, Rotation = 6, Flow = 9 };
@@ -122,13 +126,14 @@ public:
       const std::size_t before = samples_.size();
       for (const Sample& s : track)
         if (s.offset.norm() < 1 + reach) samples_.push_back(s);
-      for (std::size_t i = before; i < samples_.size(); ++i) samples_[i].share = 1. / (samples_.size() - before);
+      for (std::size_t i = before; i < samples_.size(); ++i)
+        samples_[i].share = 1. / (samples_.size() - before);
       count_ += samples_.size() > before;
     }
     for (int k = 0; k < Layers; ++k) layers_[k] = layerScale * LayerThickness[k];
     drift_ = tracks.speed * tracks.halfSpan / o.radius;
     centreVariance_ = std::pow(o.centrePrior > 0 ? o.centrePrior / o.radius : 0.2, 2);
-    velocityVariance_ = std::pow(o.velocityPrior > 0 ? o.velocityPrior / tracks.speed : env("VP",1), 2);
+    velocityVariance_ = std::pow(o.velocityPrior > 0 ? o.velocityPrior / tracks.speed : 1, 2);
     noise_.fill(0.01);
     amplitude_.fill(4);
   }
@@ -233,7 +238,8 @@ private:
       const double squares = square_[k] - 2 * state_.dot(moment_[k]) + state_.dot(gram_[k] * state_);
       const double used = covariance_.cwiseProduct(gram_[k]).sum() / noise_[k];
       constexpr double nu = 6; // of the last value, lest a band with few samples runs away
-      noise_[k] = std::max(1e-6, (std::max(squares, 0.) + nu * noise_[k]) / (std::max(weight_[k] - used, 0.) + nu));
+      noise_[k] =
+          std::max(1e-6, (std::max(squares, 0.) + nu * noise_[k]) / (std::max(weight_[k] - used, 0.) + nu));
     }
     const VectorXd power = state_.cwiseAbs2() + covariance_.diagonal();
     for (int k = 0; k < Layers; ++k)
@@ -250,8 +256,6 @@ private:
   std::array<VectorXd, Bands> moment_;
   std::array<double, Bands> square_, weight_;
 };
-
-// ----------------------------------------------------------------------------------------- the evidence
 
 /// Log of the probability of y ~ N(v, sigma2 (I + snr K)), sigma (prior 1/sigma) and the uniform velocity v
 /// (flat prior) integrated out; up to a constant that depends on the number of data alone.
@@ -305,7 +309,8 @@ MatrixXd smoothFlow(const std::vector<Vector3d>& x, double length) {
   return k;
 }
 
-/// Keeps `count` of them, evenly along the list (which follows the index's cells), and returns the velocities.
+/// Keeps `count` of them, evenly along the list (which follows the index's cells), and returns the
+/// velocities.
 VectorXd thinOut(std::vector<Vector3d>& x, const std::vector<Vector3d>& u, int count) {
   const std::size_t n = x.size(), keep = std::min<std::size_t>(n, count);
   VectorXd y(3 * keep);
@@ -319,8 +324,8 @@ VectorXd thinOut(std::vector<Vector3d>& x, const std::vector<Vector3d>& u, int c
 }
 
 constexpr double SignalToNoise[] = {1e-2, 1, 10, 100, 1e3, 1e4, 1e5}; // variances
-constexpr double Hopeless = -80; // log Bayes factor that no shift of the centre makes up for
-constexpr double NearestToCentre = 0.97;                              // R; nearer tracers would be ghosts
+constexpr double Hopeless = -80;         // log Bayes factor that no shift of the centre makes up for
+constexpr double NearestToCentre = 0.97; // R; nearer tracers would be ghosts
 constexpr int EvidenceDegree = 3;
 /// The same of the flow around a body with a boundary layer of this thickness (R), relative to the body.
 MatrixXd flowAroundBody(const std::vector<Vector3d>& x, const Vector3d& centre, double thickness) {
@@ -345,7 +350,7 @@ MatrixXd flowAroundBody(const std::vector<Vector3d>& x, const Vector3d& centre, 
 } // namespace
 
 FlowFit fitFlow(const std::vector<FlowView>& views, const FlowFitOptions& options) {
-  if (!(options.radius > 0)) throw std::invalid_argument("The sphere's radius must be greater than 0.");
+  check(options.radius, options.reach);
   FlowFit f;
   if (views.empty()) return f;
   const Tracks tracks = collect(views, options);
@@ -363,10 +368,13 @@ FlowFit fitFlow(const std::vector<FlowView>& views, const FlowFitOptions& option
     if (other.tracks() < options.minimumTracks) continue;
     other.solve(best, 3);
     const VectorXd difference = other.state().head<Flow>() - best;
-    covariance += env("SYS", 0.25) * difference * difference.transpose();
+    // Half of its square as it is, half in any direction: two models do not show them all.
+    covariance += 0.25 * difference * difference.transpose();
     for (int k = 0; k < Flow; k += 3)
-      covariance.block<3, 3>(k, k).diagonal().array() += env("SYS2", 0.25) / 3 * difference.segment<3>(k).squaredNorm();
+      covariance.block<3, 3>(k, k).diagonal().array() += 0.25 / 3 * difference.segment<3>(k).squaredNorm();
   }
+  covariance *= 1 + std::pow(FewTracks / f.tracks, 2);
+  for (int k = 0; k < Flow; ++k) covariance(k, k) += LeastSigma * LeastSigma;
   f.enough = true;
   f.centre = options.radius * best.segment<3>(Centre);
   f.velocity = tracks.speed * best.segment<3>(Velocity);
@@ -374,13 +382,14 @@ FlowFit fitFlow(const std::vector<FlowView>& views, const FlowFitOptions& option
   Eigen::Matrix<double, 6, 1> unit;
   unit << Vector3d::Constant(options.radius), Vector3d::Constant(tracks.speed);
   f.covariance = unit.asDiagonal() * covariance.topLeftCorner<6, 6>() * unit.asDiagonal();
-  f.angularVelocityCovariance = std::pow(tracks.speed / options.radius, 2) * covariance.block<3, 3>(Rotation, Rotation);
+  f.angularVelocityCovariance =
+      std::pow(tracks.speed / options.radius, 2) * covariance.block<3, 3>(Rotation, Rotation);
   f.noise = tracks.speed * fit.noise();
   return f;
 }
 
 FlowEvidence flowEvidence(const std::vector<WallParticle>& particles, const FlowEvidenceOptions& options) {
-  if (!(options.radius > 0)) throw std::invalid_argument("The sphere's radius must be greater than 0.");
+  check(options.radius, options.reach);
   std::vector<Vector3d> x, u;
   for (const WallParticle& p : particles) {
     const Vector3d r = p.offset.cast<double>() / options.radius;

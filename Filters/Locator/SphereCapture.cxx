@@ -182,10 +182,10 @@ std::vector<Eigen::Vector3d> peaks(const CountGrid& grid, const std::vector<floa
   return chosen;
 }
 
-/// What the flow around a place may add to a find: the log Bayes factor of a body, at most FlowShare of -limit.
-/// 0 where it is not needed or could not help.
-double boundedEvidence(const ParticleIndex& particles, const float* velocities, const VoidEstimate& place,
-                       double alarm, double limit) {
+} // namespace
+
+double boundedFlowEvidence(const ParticleIndex& particles, const float* velocities, const VoidEstimate& place,
+                           double alarm, double limit) {
   const double most = -FlowShare * limit;
   if (!velocities || alarm <= limit || alarm - most > limit) return 0;
   FlowEvidenceOptions options;
@@ -198,8 +198,6 @@ double boundedEvidence(const ParticleIndex& particles, const float* velocities, 
                           });
   return std::min(most, flowEvidence(around, options).logBayesFactor);
 }
-
-} // namespace
 
 bool closedLikeASphere(const ParticleIndex& particles, const std::vector<Body>& others,
                        const VoidEstimate& estimate) {
@@ -317,10 +315,10 @@ CaptureResult captureSphere(const ParticleIndex& particles, SeedingDensity& seed
   auto better = [](const Find& a, const Find& b) { return a.alarm < b.alarm; };
   auto judge = [&](const VoidEstimate& estimate) {
     const double alarm = logFalseAlarm(estimate, places);
-    const double flow = boundedEvidence(particles, velocities, estimate, alarm, limit);
+    const double flow = boundedFlowEvidence(particles, velocities, estimate, alarm, limit);
     return Find{std::min(0., alarm - flow), flow, estimate};
   };
-  for (const Eigen::Vector3d& candidate : 
+  for (const Eigen::Vector3d& candidate :
        peaks(grid, score, 0.5 * radius, velocities ? options.flowCandidates : options.candidates)) {
     if (!clearOf(sphere.others, candidate, 0.6 * radius)) continue; // shadows of the other spheres
     const VoidEstimate estimate = roughVoid(particles, seeding, candidate, close);
