@@ -27,9 +27,11 @@ add_library(rimflow_kernels STATIC
   Filters/Resampling/VoidDistance.cxx
   Filters/Locator/FlowAroundSphere.cxx
   Filters/Locator/ImportanceSampling.cxx
+  Filters/Locator/PathPosterior.cxx
   Filters/Locator/PublishedCost.cxx
   Filters/Locator/SeedingDensity.cxx
   Filters/Locator/SphereCapture.cxx
+  Filters/Locator/SphereGroup.cxx
   Filters/Locator/SphereTracker.cxx
   Filters/Locator/TrajectorySmoother.cxx
   Filters/Locator/VoidLikelihood.cxx

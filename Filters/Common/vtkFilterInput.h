@@ -30,6 +30,15 @@ inline vtkDataArray* pointVectors(vtkAlgorithm* filter, vtkDataSet* data, int in
   return array && array->GetNumberOfComponents() == 3 ? array : nullptr;
 }
 
+/// The one-component point array chosen with SetInputArrayToProcess(index), else the one called `name`; null
+/// when there is none.
+inline vtkDataArray* pointNumbers(vtkAlgorithm* filter, vtkDataSet* data, int index, const char* name) {
+  const char* chosen = filter->GetInputArrayInformation(index)->Get(vtkDataObject::FIELD_NAME());
+  const bool isDefault = !chosen || !*chosen || std::string(chosen) == std::to_string(index);
+  vtkDataArray* array = data->GetPointData()->GetArray(isDefault ? name : chosen);
+  return array && array->GetNumberOfComponents() == 1 ? array : nullptr;
+}
+
 /// The names of the point arrays, for error messages.
 inline std::string arrayNames(vtkDataSet* data) {
   const int n = data->GetPointData()->GetNumberOfArrays();

@@ -64,10 +64,10 @@ void require(bool fine, const std::string& what) {
 PublishedCostOptions complete(const ParticleIndex& particles, const FlowField& flow, const Vector3d& guess,
                               PublishedCostOptions o) {
   require(o.diameter > 0, "the diameter is " + std::to_string(o.diameter) + " m; it must be greater than 0");
-  require(o.up.norm() > 0, "the up direction has no length; give one such as (0, 1, 0)");
+  require(o.up.allFinite(), "the up direction is no direction; give one such as (0, 1, 0), or (0, 0, 0)");
   require(o.a > 0 && o.b > 0 && o.c > o.b && o.e > 1,
           "the shells' radii must satisfy a > 0, 0 < b < c and e > 1");
-  o.up.normalize();
+  o.up = o.up.norm() > 0 ? o.up.normalized() : directionOfMotion(flow, guess, o.diameter);
   const double radius = 0.5 * o.diameter;
   if (o.searchSide <= 0) o.searchSide = o.diameter;
   if (o.step <= 0) o.step = meanSpacing(flow.grid);
@@ -305,6 +305,15 @@ Criteria publishedCriteria(const ParticleIndex& particles, const FlowField& flow
   Criteria c = CriteriaSums(flow, x, 0, o).at(x);
   c.density = densityCriterion(particles, x, o);
   return c;
+}
+
+Vector3d directionOfMotion(const FlowField& flow, const Vector3d& centre, double diameter) {
+  Vector3d sum = Vector3d::Zero();
+  forEachNode(flow, centre, diameter, [&](std::size_t node, const Vector3d& r) {
+    const Vector3d u = speedOf(flow.velocity, node);
+    if (r.norm() < diameter && u.allFinite()) sum += u.squaredNorm() * u;
+  });
+  return sum.norm() > 0 ? sum.normalized() : Vector3d::UnitY();
 }
 
 double publishedCost(const Criteria& c, const PublishedCostOptions& o) {

@@ -203,6 +203,7 @@ bool closedLikeASphere(const ParticleIndex& particles, const std::vector<Body>& 
                        const VoidEstimate& estimate) {
   constexpr double Evidence = 4;       // nats
   constexpr double LeastGhosts = 0.02; // of the fluid's density: a single ghost proves little
+  constexpr double MostGhosts = 0.3;   // more than that is thin fluid, such as in the core of a vortex
   const double radius = 0.5 * estimate.diameter;
   const Eigen::Vector3d& centre = estimate.centre;
   struct Part {
@@ -241,7 +242,7 @@ bool closedLikeASphere(const ParticleIndex& particles, const std::vector<Body>& 
   if (fluid.particles == 0 || fluid.volume == 0 || core.volume == 0) return false;
   const double density = fluid.particles / fluid.volume;
   const double emptiness = std::max(LeastGhosts, core.particles / (core.volume * density));
-  if (emptiness > 0.5) return false;
+  if (emptiness > MostGhosts) return false;
   // log P(n | fluid) - log P(n | as empty as the ball)
   const auto fluidRatio = [&](const Part& p) {
     return -p.particles * std::log(emptiness) - p.volume * density * (1 - emptiness);

@@ -11,14 +11,24 @@ namespace {
 
 using Eigen::Vector3d;
 
-/// Whether a void near a guess is a sphere: as unlikely by chance as a capture must be, and tracers around
-/// it.
-bool isSphere(const VoidEstimate& v, const ParticleIndex& index, double searchVolume,
-              const TrackerOptions& o) {
-  const double radius = 0.5 * o.likelihood.diameter;
+constexpr double FollowedEnclosure =
+    0.25; // least enclosure of a sphere that is followed: in a corner of the volume
+
+/// How sure a find must be. Where the sphere is expected it is likely from the start, and it may leave the
+/// volume by an edge or a corner, where tracers are on few sides of it only.
+struct Doubt {
+  double falseAlarm, enclosure;
+};
+
+/// Whether a void near a guess is a sphere: unlikely enough by chance, with tracers around it, and closed.
+bool isSphere(const VoidEstimate& v, const SnapshotParticles& particles, double searchVolume,
+              const Doubt& doubt, const VoidLikelihoodOptions& o) {
+  const ParticleIndex& index = particles.index;
+  const double radius = 0.5 * v.diameter;
   const double places = independentPlaces(std::min(searchVolume, index.box().volume()), radius);
-  return logFalseAlarm(v, std::max(1.0, places)) <= std::log(o.capture.falseAlarm) &&
-         enclosure(index, v.centre, radius) >= LeastEnclosure;
+  const double alarm = logFalseAlarm(v, places), limit = std::log(doubt.falseAlarm);
+  return alarm - boundedFlowEvidence(index, particles.velocities, v, alarm, limit) <= limit &&
+         enclosure(index, v.centre, radius) >= doubt.enclosure && closedLikeASphere(index, o.others, v);
 }
 
 LocatedSphere fromLikelihood(const VoidEstimate& v) {
@@ -27,6 +37,10 @@ LocatedSphere fromLikelihood(const VoidEstimate& v) {
   s.text = "found";
   s.centre = v.centre;
   s.covariance = v.covariance;
+  s.diameter = v.diameter;
+  s.diameterSigma = v.diameterSigma;
+  s.ghostRate = v.ghostRate;
+  s.positionNoise = v.positionNoise;
   s.cost = v.cost;
   s.gradientNorm = v.gradientNorm;
   s.iterations = v.iterations;
@@ -44,6 +58,7 @@ LocatedSphere fromPublished(const PublishedEstimate& e, double diameter) {
   if (!e.positiveDefinite)
     s.text += "; the Hessian is not positive definite, so the covariance is that of a tenth of the diameter";
   s.centre = e.centre;
+  s.diameter = diameter;
   s.covariance = e.positiveDefinite
                      ? e.covariance
                      : Eigen::Matrix3d(std::pow(0.1 * diameter, 2) * Eigen::Matrix3d::Identity());
@@ -88,6 +103,50 @@ void addWallVelocity(LocatedSphere& sphere, const ParticleIndex& index, const fl
     residual += (u[k] - meanU - slope * (s[k] - meanS)).squaredNorm() / (3 * (n - 2));
   sphere.wallVelocity = meanU - slope * meanS;
   sphere.wallVelocitySigma = std::sqrt(residual / n * (1 + meanS * meanS / varianceS));
+}
+
+/// Gradient and Hessian of the tracers that a ball of fluid would hold, by its centre.
+void addSeeding(WallView& wall, const SeedingDensity& seeding, const Vector3d& centre, double radius) {
+  const double step = 0.05 * radius;
+  wall.tilt = seeding.expectedGradient(centre, radius);
+  for (int a = 0; a < 3; ++a) {
+    const Vector3d e = step * Vector3d::Unit(a);
+    wall.bend.col(a) =
+        (seeding.expectedGradient(centre + e, radius) - seeding.expectedGradient(centre - e, radius)) /
+        (2 * step);
+  }
+  wall.bend = 0.5 * (wall.bend + wall.bend.transpose()).eval();
+}
+
+/// The tracers next to the wall. The joint estimate needs all that a path may touch; the flow around the
+/// sphere is told by those farther out, of which a sample of tracks is enough.
+std::shared_ptr<const WallView> wallOf(const LocatedSphere& sphere, const SeedingDensity& seeding,
+                                       const SnapshotParticles& particles) {
+  constexpr double Outermost = 1.6, FarInstances = 400; // radii; particles in the outer part
+  const double radius = 0.5 * sphere.diameter;
+  WallView wall;
+  wall.ghostRate = sphere.ghostRate;
+  wall.positionNoise = sphere.positionNoise;
+  wall.reach = std::min(radius, std::max(0.1 * radius, 6 * std::sqrt(sphere.covariance.trace())));
+  addSeeding(wall, seeding, sphere.centre, radius);
+  const double near = radius + 3 * wall.reach, far = std::max(near, Outermost * radius);
+  const double expected =
+      seeding.expectedWithin(sphere.centre, far) - seeding.expectedWithin(sphere.centre, radius);
+  const std::uint64_t keep = std::uint64_t(std::min(1., FarInstances / std::max(expected, 1.)) * 1024);
+  particles.index.forEachWithin(sphere.centre, far, [&](std::uint32_t id, float dx, float dy, float dz) {
+    WallParticle p;
+    p.offset = {dx, dy, dz};
+    const double distance = p.offset.norm();
+    if (distance < radius - wall.reach) return;
+    if (particles.tracks) p.track = particles.tracks[id];
+    // whole tracks or nothing: by their ids, well mixed
+    const std::uint64_t number = particles.tracks ? std::uint64_t(p.track) : id;
+    if (distance > near && (number * 0x9E3779B97F4A7C15ull >> 54) >= keep) return;
+    if (particles.velocities)
+      p.velocity = Eigen::Map<const Eigen::Vector3f>(particles.velocities + 3 * std::size_t(id));
+    wall.particles.push_back(p);
+  });
+  return std::make_shared<const WallView>(std::move(wall));
 }
 
 } // namespace
@@ -140,50 +199,72 @@ std::vector<double> SphereTracker::worthAnotherLook() const {
   return {lostBlindly_.rbegin(), lostBlindly_.rend()};
 }
 
+bool SphereTracker::wants(double time) const {
+  return !knows(time) || (lostBlindly_.count(time) > 0 && anyFound());
+}
+
+void SphereTracker::exchange(SphereTracker& other, double time) {
+  std::swap(known_.at(time), other.known_.at(time));
+}
+
 /// Near the guess, and unless that was done before, everywhere.
-LocatedSphere SphereTracker::search(const ParticleIndex& index, const std::optional<Guess>& guess,
-                                    bool everywhere, const FlowField* flow, const Progress& progress) const {
+LocatedSphere SphereTracker::search(const SnapshotParticles& particles, const std::optional<Guess>& guess,
+                                    bool everywhere, const FlowField* flow, const std::vector<Body>& others,
+                                    const Progress& progress) const {
   LocatedSphere lost;
+  const ParticleIndex& index = particles.index;
   if (index.size() < 20) {
     lost.text = "only " + std::to_string(index.size()) + " particles";
     return lost;
   }
-  const double diameter = options_.likelihood.diameter;
-  const double side = options_.likelihood.searchSide > 0 ? options_.likelihood.searchSide : diameter;
-  SeedingDensity seeding(index, 0.25 * diameter);
-  const bool published = options_.method == LocatorMethod::PublishedCost;
+  VoidLikelihoodOptions sphere = options_.likelihood;
+  sphere.others = others;
+  const double side = sphere.searchSide > 0 ? sphere.searchSide : sphere.diameter;
+  SeedingDensity seeding(index, 0.25 * sphere.diameter);
 
-  const auto at = [&](const Guess& g) -> std::optional<LocatedSphere> {
+  const auto at = [&](const Guess& g, const Doubt& doubt) -> std::optional<LocatedSphere> {
     const Vector3d start = index.box().clamp(g.centre);
-    VoidLikelihoodOptions near = options_.likelihood;
+    VoidLikelihoodOptions near = sphere;
     near.searchSide = g.side;
+    const bool published = options_.method == LocatorMethod::PublishedCost;
     const VoidEstimate v =
         published ? roughVoid(index, seeding, start, near) : locateVoid(index, seeding, start, near);
-    if (!isSphere(v, index, g.side * g.side * g.side, options_)) return std::nullopt;
+    if (!isSphere(v, particles, g.side * g.side * g.side, doubt, near)) return std::nullopt;
     // Found far outside the cube: then it was not searched among the cube's places alone.
     if (g.side < side && (v.centre - start).cwiseAbs().maxCoeff() > 0.75 * g.side) return std::nullopt;
-    return published ? fromPublished(minimisePublishedCost(index, *flow, start, options_.published), diameter)
-                     : fromLikelihood(v);
+    LocatedSphere found =
+        published
+            ? fromPublished(minimisePublishedCost(index, *flow, start, options_.published), sphere.diameter)
+            : fromLikelihood(v);
+    if (particles.velocities) addWallVelocity(found, index, particles.velocities, 0.5 * found.diameter);
+    found.wall = wallOf(found, seeding, particles);
+    return found;
   };
-  if (guess)
-    if (const auto sphere = at(*guess)) return *sphere;
+  const Doubt unexpected{options_.capture.falseAlarm, LeastEnclosure},
+      expected{options_.followFalseAlarm, FollowedEnclosure};
+  if (guess) {
+    const bool follows = anyFound() && index.box().contains(guess->centre);
+    if (const auto found = at(*guess, follows ? expected : unexpected)) return *found;
+  }
   if (!everywhere) return lost;
   const CaptureResult capture =
-      captureSphere(index, seeding, options_.likelihood, options_.capture, progress);
+      captureSphere(index, seeding, sphere, options_.capture, progress, particles.velocities);
   if (!capture.found) {
     lost.text = capture.reason;
     return lost;
   }
-  if (const auto sphere = at({capture.centre, side})) return *sphere;
+  // Where the flow had to help, other voids are near.
+  const double near = capture.flowEvidence > 0 ? std::min(side, 0.4 * sphere.diameter) : side;
+  if (const auto found = at({capture.centre, near}, unexpected)) return *found;
   lost.text = "a void was captured, but it is no sphere of this diameter when looked at closely";
   return lost;
 }
 
 const LocatedSphere& SphereTracker::locate(double time, const SnapshotParticles& particles,
-                                           const FlowField* flow, const Progress& progress) {
-  const auto known = known_.find(time);
-  const bool again = known != known_.end();
-  if (again && !(lostBlindly_.count(time) > 0 && anyFound())) return known->second;
+                                           const FlowField* flow, const std::vector<Body>& others,
+                                           const Progress& progress) {
+  if (!wants(time)) return known_.at(time);
+  const bool again = knows(time);
   if (options_.method == LocatorMethod::PublishedCost && !flow)
     throw std::invalid_argument(
         "the published cost needs the flow on a grid with the arrays Velocity and QCriterion");
@@ -192,16 +273,17 @@ const LocatedSphere& SphereTracker::locate(double time, const SnapshotParticles&
     aborted = aborted || !goOn(progress, fraction);
     return !aborted;
   };
-  const ParticleIndex index(particles.positions, particles.count);
-  LocatedSphere sphere = search(index, predict(time), !again, flow, watched);
-  if (aborted) return aborted_ = LocatedSphere{false, "aborted"};
+  const LocatedSphere sphere = search(particles, predict(time), !again, flow, others, watched);
+  if (aborted) {
+    aborted_ = LocatedSphere();
+    aborted_.text = "aborted";
+    return aborted_;
+  }
   if (!sphere.found && !again && !anyFound())
     lostBlindly_.insert(time);
   else
     lostBlindly_.erase(time);
-  if (!sphere.found && again) return known->second; // with the reason that the whole search gave
-  if (sphere.found && particles.velocities)
-    addWallVelocity(sphere, index, particles.velocities, 0.5 * options_.likelihood.diameter);
+  if (!sphere.found && again) return known_.at(time); // with the reason that the whole search gave
   return known_[time] = sphere;
 }
 

@@ -1,4 +1,5 @@
 #pragma once
+#include "CentreEstimate.h"
 #include "PublishedCost.h"
 #include "SphereCapture.h"
 
@@ -18,14 +19,21 @@ struct TrackerOptions {
   VoidLikelihoodOptions likelihood; ///< its diameter is the sphere's
   PublishedCostOptions published;   ///< its diameter and searchSide are taken from `likelihood`
   CaptureOptions capture;
+  double followFalseAlarm = 1e-2; ///< as capture.falseAlarm, where the sphere is expected: there it is likely
   std::optional<Eigen::Vector3d> guess; ///< of the centre in the first snapshot, m; none: capture
 };
 
-/// One snapshot as the tracker wants it.
+/// One snapshot as the tracker wants it. The arrays must outlive it.
 struct SnapshotParticles {
-  const float* positions = nullptr;  ///< x y z per particle, m
-  const float* velocities = nullptr; ///< three per particle, m/s, or null
-  std::size_t count = 0;
+  /// positions: x y z per particle, m. velocities: three per particle, m/s, or null. tracks: the id of each
+  /// particle's track, or null.
+  SnapshotParticles(const float* positions, std::size_t count, const float* velocities_ = nullptr,
+                    const std::int64_t* tracks_ = nullptr)
+      : index(positions, count), velocities(velocities_), tracks(tracks_) {}
+
+  ParticleIndex index;
+  const float* velocities;
+  const std::int64_t* tracks;
 };
 
 /// What one snapshot says of the sphere by itself. Offsets are distances from the centre of the place that a
@@ -35,6 +43,8 @@ struct LocatedSphere {
   std::string text;                                 ///< why it was not found, or what to know about the find
   Eigen::Vector3d centre = Eigen::Vector3d::Zero(); ///< m
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero(); ///< m2; positive definite when found
+  double diameter = 0, diameterSigma = 0;               ///< given, or fitted, m
+  double ghostRate = 0.005, positionNoise = 5e-6;       ///< as this snapshot estimates them; the noise in m
   double cost = 0, gradientNorm = 0;                    ///< of -log L, or of J; the gradient in 1/m
   int iterations = 0;
   std::size_t particlesInside = 0;
@@ -43,6 +53,7 @@ struct LocatedSphere {
   /// them.
   Eigen::Vector3d wallVelocity = Eigen::Vector3d::Zero();
   double wallVelocitySigma = -1;
+  std::shared_ptr<const WallView> wall; ///< for the joint estimate of several snapshots; null when lost
 };
 
 /// Follows a sphere through snapshots that come in any order. A snapshot's result is decided by its own
@@ -54,27 +65,37 @@ public:
   explicit SphereTracker(const TrackerOptions& options);
 
   /// The sphere at `time`; kept, so that asking again costs nothing. flow: needed by the published cost.
-  /// When progress aborts, the result says so and is not kept. A time that was lost before anything had been
-  /// found is looked at once more when asked for again: then other times say where to look.
-  const LocatedSphere& locate(double time, const SnapshotParticles& particles, const FlowField* flow,
+  /// others: where other spheres are at this time. When progress aborts, the result says so and is not kept.
+  /// A time that was lost before anything had been found is looked at once more when asked for again: then
+  /// other times say where to look.
+  const LocatedSphere& locate(double time, const SnapshotParticles& particles,
+                              const FlowField* flow = nullptr, const std::vector<Body>& others = {},
                               const Progress& progress = {});
 
-  bool knows(double time) const { return known_.count(time) > 0; }
-  /// The times that another look may find, latest first: so each find says where to look in the next.
-  std::vector<double> worthAnotherLook() const;
-  /// Everything found so far, by time.
-  const std::map<double, LocatedSphere>& known() const { return known_; }
-
-private:
   /// Where to look first, in a cube of this side.
   struct Guess {
     Eigen::Vector3d centre;
     double side;
   };
+  /// From what was found at other times, or the user's guess; none: there is neither.
   std::optional<Guess> predict(double time) const;
+
+  /// Whether locate() would look at the particles.
+  bool wants(double time) const;
+  bool knows(double time) const { return known_.count(time) > 0; }
+  /// The times that another look may find, latest first: so each find says where to look in the next.
+  std::vector<double> worthAnotherLook() const;
+  /// Everything found so far, by time.
+  const std::map<double, LocatedSphere>& known() const { return known_; }
+  /// Takes the other's result at a time that both know, and gives its own: two equal spheres were mistaken
+  /// for each other.
+  void exchange(SphereTracker& other, double time);
+
+private:
   bool anyFound() const;
-  LocatedSphere search(const ParticleIndex& index, const std::optional<Guess>& guess, bool everywhere,
-                       const FlowField* flow, const Progress& progress) const;
+  LocatedSphere search(const SnapshotParticles& particles, const std::optional<Guess>& guess, bool everywhere,
+                       const FlowField* flow, const std::vector<Body>& others,
+                       const Progress& progress) const;
 
   TrackerOptions options_;
   std::map<double, LocatedSphere> known_;

@@ -1,5 +1,7 @@
 #include "TrajectorySmoother.h"
 
+#include "PathPosterior.h"
+
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
@@ -20,9 +22,16 @@ using State = Eigen::Matrix<double, 12, 1>;
 using StateMatrix = Eigen::Matrix<double, 12, 12>;
 enum Part { Centre = 0, Velocity = 3, Acceleration = 6, Correlated = 9 };
 
+constexpr double FreeAcceleration = 10; // m/s2: standard deviation where nothing is known
+
 struct Parameters {
-  double jerkIntensity = 1, correlatedFraction = 0, correlationTime = 1, inflation = 1;
+  double jerkIntensity = 1, correlatedFraction = 0, correlationTime = 1, inflation = 1,
+         accelerationPrior = 10;
 };
+
+constexpr std::size_t WindowSnapshots = 48; // of the joint estimate at most
+constexpr std::size_t LeastSnapshots = 4;   // at least
+constexpr int WindowIntervals = 6;          // of a window's spline at most
 
 /// F(dt): constant acceleration, and b decays as exp(-dt/T).
 StateMatrix transition(double dt, const Parameters& p) {
@@ -69,6 +78,7 @@ public:
   }
 
   int count() const { return count_; }
+  const std::vector<CentreEstimate>& sorted() const { return sorted_; }
   const std::vector<bool>& used() const { return used_; }
   double duration() const { return sorted_.back().time - sorted_.front().time; }
   double shortestStep() const {
@@ -186,7 +196,7 @@ private:
     g.mean.segment<3>(Velocity) = meanVelocity_;
     g.covariance.diagonal().segment<3>(Centre).setConstant(spread * spread);
     g.covariance.diagonal().segment<3>(Velocity).setConstant(std::pow(options_.velocityPrior, 2));
-    g.covariance.diagonal().segment<3>(Acceleration).setConstant(std::pow(options_.accelerationPrior, 2));
+    g.covariance.diagonal().segment<3>(Acceleration).setConstant(std::pow(p.accelerationPrior, 2));
     g.covariance.block<3, 3>(Correlated, Correlated) = correlatedCovariance(p);
     return g;
   }
@@ -247,6 +257,21 @@ double likelyJerk(Smoother& smoother, Parameters p, double& best) {
   return std::pow(10, 0.5 * (low + high));
 }
 
+/// The largest standard deviation of the acceleration that is hardly less likely than the most likely one: a
+/// looser prior only adds noise to the velocity.
+double freestAcceleration(Smoother& smoother, Parameters p) {
+  constexpr double Sigmas[] = {FreeAcceleration, 3, 1, 0.3, 0.1, 0.03, 0.01};
+  std::vector<double> deviances;
+  for (const double sigma : Sigmas) {
+    p.accelerationPrior = sigma;
+    deviances.push_back(smoother.filter(p));
+  }
+  const double lowest = *std::min_element(deviances.begin(), deviances.end());
+  std::size_t k = 0;
+  while (deviances[k] > lowest + 1) ++k;
+  return Sigmas[k];
+}
+
 /// q, f, T of largest likelihood, and the inflation s.
 Parameters likelyParameters(Smoother& smoother, const SmootherOptions& options) {
   const double step = smoother.shortestStep();
@@ -280,6 +305,10 @@ Parameters likelyParameters(Smoother& smoother, const SmootherOptions& options) 
       }
       if (fraction == 0) break; // T does not matter
     }
+  if (options.accelerationPrior >= 0)
+    chosen.accelerationPrior = std::max(options.accelerationPrior, 1e-6);
+  else
+    chosen.accelerationPrior = freestAcceleration(smoother, chosen);
   double chiSquared = 0;
   smoother.filter(chosen, &chiSquared);
   if (!few) chosen.inflation = std::max(1.0, chiSquared / (3.0 * smoother.count()));
@@ -296,6 +325,77 @@ void check(const std::vector<CentreEstimate>& estimates) {
     if (e.found && (!e.covariance.allFinite() || e.covariance.llt().info() != Eigen::Success))
       throw std::invalid_argument(which + " has a covariance that is not positive definite");
   }
+}
+
+/// The joint estimate of the snapshots that were found, in windows; `points` in the order of
+/// smoother.sorted().
+void refine(const Smoother& smoother, const Parameters& p, const SmootherOptions& options,
+            std::vector<SmoothedCentre>& points, SmoothedTrajectory& result) {
+  std::vector<CentreEstimate> views;
+  std::vector<double> noises;
+  for (std::size_t k = 0; k < points.size(); ++k) {
+    const CentreEstimate& e = smoother.sorted()[k];
+    if (!smoother.used()[k] || !e.wall || (!views.empty() && e.time <= views.back().time)) continue;
+    views.push_back(e);
+    noises.push_back(e.wall->positionNoise);
+  }
+  if (views.size() < LeastSnapshots) return;
+  PathOptions path;
+  path.radius = options.radius;
+  path.jerkIntensity = p.jerkIntensity;
+  path.velocityPrior = options.velocityPrior;
+  path.accelerationPrior = p.accelerationPrior;
+  path.positionNoise = positionNoiseFromTracks(views);
+  if (path.positionNoise <= 0) {
+    std::nth_element(noises.begin(), noises.begin() + std::ptrdiff_t(noises.size() / 2), noises.end());
+    path.positionNoise = noises[noises.size() / 2];
+  }
+  path.positionNoise = std::max(path.positionNoise, 1e-5 * options.radius);
+
+  double variance = 0;
+  for (const CentreEstimate& v : views) variance += v.covariance.trace() / (3 * double(views.size()));
+  const double step = (views.back().time - views.front().time) / double(views.size() - 1);
+  std::size_t length = std::min(WindowSnapshots, views.size());
+  while (length >= LeastSnapshots &&
+         pathIntervals(double(length - 1) * step, p.jerkIntensity, std::sqrt(variance)) > WindowIntervals)
+    length /= 2;
+  if (length < LeastSnapshots) return;
+
+  std::vector<std::size_t> starts;
+  for (std::size_t first = 0; first + length < views.size(); first += length / 2) starts.push_back(first);
+  starts.push_back(views.size() - length);
+  const auto middle = [&](std::size_t w) {
+    return 0.5 * (views[starts[w]].time + views[starts[w] + length - 1].time);
+  };
+  std::vector<std::vector<std::size_t>> mine(starts.size()); // the points of each window
+  for (std::size_t k = 0; k < points.size(); ++k) {
+    const double time = smoother.sorted()[k].time;
+    if (time < views.front().time || time > views.back().time) continue;
+    std::size_t nearest = 0;
+    for (std::size_t w = 1; w < starts.size(); ++w)
+      if (std::abs(middle(w) - time) < std::abs(middle(nearest) - time)) nearest = w;
+    mine[nearest].push_back(k);
+  }
+#pragma omp parallel for schedule(dynamic)
+  for (std::size_t w = 0; w < starts.size(); ++w) {
+    const std::vector<CentreEstimate> window(views.begin() + std::ptrdiff_t(starts[w]),
+                                             views.begin() + std::ptrdiff_t(starts[w] + length));
+    std::vector<double> times;
+    for (const std::size_t k : mine[w]) times.push_back(smoother.sorted()[k].time);
+    const PathPosterior posterior = samplePath(window, times, path);
+    for (std::size_t i = 0; i < mine[w].size(); ++i) {
+      const PathPoint& q = posterior.points[i];
+      points[mine[w][i]] = {points[mine[w][i]].status,
+                            q.centre,
+                            q.velocity,
+                            q.acceleration,
+                            q.centreCovariance,
+                            q.velocityCovariance,
+                            q.accelerationCovariance};
+    }
+  }
+  for (const auto& of : mine) result.joint += int(of.size());
+  result.positionNoise = path.positionNoise;
 }
 
 /// Whether the standard deviation exceeds the limit in any direction; a limit of 0 is none.
@@ -327,25 +427,33 @@ SmoothedTrajectory smoothTrajectory(const std::vector<CentreEstimate>& estimates
   result.correlatedFraction = p.correlatedFraction;
   result.correlationTime = p.correlationTime;
   result.inflation = p.inflation;
+  result.accelerationPrior = p.accelerationPrior;
 
   std::vector<std::size_t> order(estimates.size());
   std::iota(order.begin(), order.end(), 0);
   std::stable_sort(order.begin(), order.end(),
                    [&](std::size_t a, std::size_t b) { return estimates[a].time < estimates[b].time; });
-  const std::vector<Gaussian> smoothed = smoother.smooth(p);
+  // What the record says of the acceleration holds between its finds; before and after them it may be
+  // anything.
+  Parameters outside = p;
+  outside.accelerationPrior = std::max(p.accelerationPrior, FreeAcceleration);
+  const std::vector<Gaussian> within = smoother.smooth(p), beyond = smoother.smooth(outside);
+  const auto& used = smoother.used();
+  const std::size_t firstFound = std::size_t(std::find(used.begin(), used.end(), true) - used.begin());
+  const std::size_t lastFound = std::size_t(used.rend() - std::find(used.rbegin(), used.rend(), true)) - 1;
+  std::vector<SmoothedCentre> points;
   for (std::size_t k = 0; k < order.size(); ++k) {
-    const Gaussian& g = smoothed[k];
-    const bool found = smoother.used()[k];
-    if (!found && tooUncertain(g.covariance.block<3, 3>(Centre, Centre), options.largestPredictionSigma))
-      continue;
-    result.points[order[k]] = {found ? CentreStatus::Found : CentreStatus::Predicted,
-                               g.mean.segment<3>(Centre),
-                               g.mean.segment<3>(Velocity),
-                               g.mean.segment<3>(Acceleration),
-                               g.covariance.block<3, 3>(Centre, Centre),
-                               g.covariance.block<3, 3>(Velocity, Velocity),
-                               g.covariance.block<3, 3>(Acceleration, Acceleration)};
+    const Gaussian& g = k < firstFound || k > lastFound ? beyond[k] : within[k];
+    points.push_back({used[k] ? CentreStatus::Found : CentreStatus::Predicted, g.mean.segment<3>(Centre),
+                      g.mean.segment<3>(Velocity), g.mean.segment<3>(Acceleration),
+                      g.covariance.block<3, 3>(Centre, Centre), g.covariance.block<3, 3>(Velocity, Velocity),
+                      g.covariance.block<3, 3>(Acceleration, Acceleration)});
   }
+  if (options.radius > 0) refine(smoother, p, options, points, result);
+  for (std::size_t k = 0; k < order.size(); ++k)
+    if (points[k].status == CentreStatus::Found ||
+        !tooUncertain(points[k].centreCovariance, options.largestPredictionSigma))
+      result.points[order[k]] = points[k];
   return result;
 }
 

@@ -1,16 +1,7 @@
 #pragma once
-#include <Eigen/Core>
-#include <vector>
+#include "CentreEstimate.h"
 
 namespace rimflow {
-
-/// What one snapshot says of the centre by itself.
-struct CentreEstimate {
-  double time = 0;                                      ///< s
-  bool found = false;                                   ///< false: nothing below counts
-  Eigen::Vector3d centre = Eigen::Vector3d::Zero();     ///< m
-  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero(); ///< m2, positive definite
-};
 
 /// Prior knowledge of the motion. The defaults suit spheres that rise or sink in a liquid.
 struct SmootherOptions {
@@ -19,12 +10,15 @@ struct SmootherOptions {
                                   ///< 0.95; < 0: the most likely one
   double correlationTime = 0;     ///< T of that part, s; 0: the most likely one
   double velocityPrior = 1; ///< standard deviation of the velocity about its mean over the record, m/s, > 0
-  double accelerationPrior = 10; ///< standard deviation of the acceleration about 0, m/s2, > 0
+  double accelerationPrior = -1; ///< standard deviation of the acceleration about 0 at the beginning, m/s2; <
+                                 ///< 0: the largest of 0.01 to 10 that the record does not speak against
   double rejectionChiSquared =
       30; ///< a snapshot farther than this from the path through all others is left out
   double largestRejectedPart = 0.1;  ///< of the snapshots, 0 to 1
   double largestPredictionSigma = 0; ///< m: a snapshot without a find is lost when its smoothed centre is
                                      ///< less certain than this in any direction; 0: no limit
+  double radius =
+      0; ///< of the sphere, m: snapshots with a wall are then estimated jointly; 0: each by itself
 };
 
 enum class CentreStatus { Found = 0, Predicted = 1, Lost = 2 };
@@ -41,8 +35,11 @@ struct SmoothedTrajectory {
   double jerkIntensity = 0;           ///< q that was used, m2/s5
   double correlatedFraction = 0;      ///< that was used
   double correlationTime = 0;         ///< s, that was used
-  double inflation = 1; ///< factor >= 1 on the single-snapshot covariances, from the innovations
-  int rejected = 0;     ///< snapshots left out as inconsistent with all others
+  double inflation = 1;         ///< factor >= 1 on the single-snapshot covariances, from the innovations
+  int rejected = 0;             ///< snapshots left out as inconsistent with all others
+  double accelerationPrior = 0; ///< that was used, m/s2
+  double positionNoise = 0;     ///< of a particle, m, that the joint estimate used; 0: there was none
+  int joint = 0;                ///< points from the joint estimate of several snapshots
 };
 
 /// Position, velocity and acceleration over time from single-snapshot estimates: Kalman filter and
@@ -55,6 +52,11 @@ struct SmoothedTrajectory {
 ///     T (Ornstein-Uhlenbeck),
 /// and b is estimated along. q, f and T maximise the likelihood of the innovations; s is their mean
 /// chi-squared, never below 1. The order of the estimates is free; two of the same time are both used.
+///
+/// With a radius, and walls in the estimates, this path and its q only start the joint posterior
+/// (PathPosterior.h) of windows of up to 48 snapshots that overlap by half; each point comes from the window
+/// in whose middle it lies. Where the motion is too abrupt for that (fewer than four snapshots per window),
+/// and before the first and after the last find, the smoother's result stays.
 SmoothedTrajectory smoothTrajectory(const std::vector<CentreEstimate>& estimates,
                                     const SmootherOptions& options = {});
 

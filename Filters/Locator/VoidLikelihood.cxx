@@ -18,8 +18,8 @@ constexpr double LogisticPerNoise = 0.62666; // sqrt(2 pi)/4: w at which the log
 constexpr double PriorGhosts = 0.005,
                  GhostBacking = 100; // prior ghost rate, worth so many expected particles
 constexpr double Overlap = 0.05;     // of R, that two spheres may seem to overlap
-constexpr double NoisePerSpacing[] = {1 / 800., 1 / 400., 1 / 200., 1 / 100., 1 / 50.};
-constexpr double NoisePrior[] = {1 / 9., 2 / 9., 3 / 9., 2 / 9., 1 / 9.};
+constexpr double NoisePerSpacing[] = {1 / 800., 1 / 400., 1 / 200., 1 / 100., 1 / 50., 1 / 25.};
+constexpr double NoisePrior[] = {1 / 12., 2 / 12., 3 / 12., 3 / 12., 2 / 12., 1 / 12.};
 
 /// g(u) = log((1 - f) + eps f), f = 1/(1 + e^u), by linear interpolation; 0 far outside, log(eps) deep
 /// inside.
@@ -109,7 +109,11 @@ Eigen::Vector3d moveClear(const Box& box, const std::vector<Body>& others, Eigen
   for (int turn = 0; turn < 10 && !clearOf(others, x, radius); ++turn) {
     for (const Body& other : others) {
       const double missing = (1 - 0.9 * Overlap) * radius - other.signedDistance(x);
-      if (missing > 0) x += missing * (x - other.centre).normalized();
+      if (missing <= 0) continue;
+      Eigen::Vector3d away = x - other.centre;
+      if (away.norm() < 1e-6 * radius) away = 0.5 * (box.lower + box.upper) - other.centre;
+      if (away.norm() < 1e-6 * radius) away = Eigen::Vector3d::UnitX();
+      x += missing * away.normalized();
     }
     x = box.clamp(x);
   }

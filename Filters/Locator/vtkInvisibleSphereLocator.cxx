@@ -1,11 +1,13 @@
 #include "vtkInvisibleSphereLocator.h"
 
-#include "SphereTracker.h"
+#include "SphereGroup.h"
 #include "vtkFilterInput.h"
 #include "vtkGridFromImage.h"
 #include "vtkTrajectorySmoother.h"
 #include "vtkUpstream.h"
+#include "vtkWallView.h"
 
+#include "vtkAppendPolyData.h"
 #include "vtkCellArray.h"
 #include "vtkDoubleArray.h"
 #include "vtkExecutive.h"
@@ -32,16 +34,24 @@
 vtkStandardNewMacro(vtkInvisibleSphereLocator);
 
 struct vtkInvisibleSphereLocator::Internals {
-  std::unique_ptr<rimflow::SphereTracker> tracker;
-  std::vector<double> settings; // that the tracker was made with
+  std::unique_ptr<rimflow::SphereGroup> group;
+  std::vector<double> settings; // that the group was made with
   vtkMTimeType upstream = 0;    // of everything that the particles and the flow come from
   std::vector<double> pending;  // times that ProcessAllTimes has still to visit
   std::size_t pendingAtStart = 0;
   bool looping = false, lookingAgain = false;
   double requested = 0; // the time that was asked for when the loop began
-  // the most likely parameters of the motion, kept while the number of snapshots hardly changes
-  std::size_t smoothedCount = 0;
-  double jerkIntensity = -1, correlatedFraction = -1, correlationTime = 0;
+
+  /// A sphere's trajectory, kept until more is known of it.
+  struct Smoothed {
+    vtkSmartPointer<vtkPolyData> trajectory;
+    std::size_t known = 0, found = 0;
+    bool whole = false;
+    // the most likely parameters of the motion, kept while the number of snapshots hardly changes
+    std::size_t fittedTo = 0;
+    double jerkIntensity = -1, correlatedFraction = -1, correlationTime = 0;
+  };
+  std::vector<Smoothed> smoothed; // one per sphere
 };
 
 namespace {
@@ -53,7 +63,7 @@ constexpr double Nothing = std::numeric_limits<double>::quiet_NaN();
 /// One row per snapshot under the names of the public contract.
 class Rows {
 public:
-  explicit Rows(double diameter) : diameter_(diameter) {
+  explicit Rows(std::size_t sphere) : sphere_(double(sphere)) {
     points_->SetDataTypeToDouble();
     for (const auto& [name, components] : {std::pair{"Time", 1},
                                            {"Centre", 3},
@@ -63,6 +73,7 @@ public:
                                            {"Sigma", 3},
                                            {"SigmaTensor", 9},
                                            {"Diameter", 1},
+                                           {"DiameterSigma", 1},
                                            {"Cost", 1},
                                            {"GradientNorm", 1},
                                            {"OffsetVoid", 1},
@@ -73,7 +84,7 @@ public:
       array->SetNumberOfComponents(components);
       data_->GetPointData()->AddArray(array);
     }
-    for (const char* name : {"Iterations", "ParticlesInside", "Status"}) {
+    for (const char* name : {"SphereId", "Iterations", "ParticlesInside", "Status"}) {
       vtkNew<vtkIntArray> array;
       array->SetName(name);
       data_->GetPointData()->AddArray(array);
@@ -97,7 +108,9 @@ public:
     tuple("Covariance", packed);
     tuple("Sigma", sigma.data());
     tuple("SigmaTensor", root.data());
-    tuple("Diameter", &diameter_);
+    tuple("Diameter", s.found ? &s.diameter : &Nothing);
+    tuple("DiameterSigma", s.found ? &s.diameterSigma : &Nothing);
+    tuple("SphereId", &sphere_);
     tuple("Cost", s.found ? &s.cost : &Nothing);
     tuple("GradientNorm", s.found ? &s.gradientNorm : &Nothing);
     tuple("OffsetVoid", &s.offsetVoid);
@@ -112,13 +125,15 @@ public:
   }
 
   vtkPolyData* data() { return data_; }
+  /// The same diameter in all rows: a sphere has one.
+  void fillDiameter(double diameter) { data_->GetPointData()->GetArray("Diameter")->Fill(diameter); }
 
 private:
   void tuple(const char* name, const double* values) {
     data_->GetPointData()->GetArray(name)->InsertNextTuple(values);
   }
 
-  double diameter_;
+  double sphere_;
   vtkNew<vtkPolyData> data_;
   vtkNew<vtkPoints> points_;
   vtkNew<vtkStringArray> text_;
@@ -169,12 +184,107 @@ void copyToFieldData(vtkPolyData* from, vtkPolyData* to) {
     to->GetFieldData()->AddArray(from->GetPointData()->GetAbstractArray(a));
 }
 
+rimflow::CentreEstimate estimateOf(double time, const LocatedSphere& s) {
+  return {time, s.found, s.centre, s.covariance, s.wall};
+}
+
+/// Brings a sphere's trajectory up to date: as it is known so far, or `whole`: all snapshots jointly. False:
+/// it is.
+bool smooth(std::size_t sphere, const std::map<double, LocatedSphere>& known, bool whole,
+            vtkInvisibleSphereLocator::Internals::Smoothed& state) {
+  const auto found =
+      std::size_t(std::count_if(known.begin(), known.end(), [](const auto& k) { return k.second.found; }));
+  if (state.trajectory && state.known == known.size() && state.found == found && state.whole == whole)
+    return false;
+  state.known = known.size(), state.found = found, state.whole = whole;
+  state.trajectory = vtkSmartPointer<vtkPolyData>::New();
+  Rows rows(sphere);
+  vtkNew<vtkTrajectorySmoother> smoother;
+  double diameter = 0;
+  for (const auto& [time, s] : known) {
+    if (!s.found && found < 2) continue;
+    rows.add(time, s);
+    if (!s.found) continue;
+    diameter += s.diameter / double(found);
+    if (!whole || !s.wall) continue;
+    vtkNew<vtkPolyData> wall;
+    rimflow::wallToPolyData(estimateOf(time, s), 0.5 * s.diameter, wall);
+    smoother->AddInputDataObject(1, wall);
+  }
+  if (found < 2) {
+    state.trajectory->ShallowCopy(rows.data());
+    return true;
+  }
+  rows.fillDiameter(diameter);
+  const bool fresh = found > 30 && found < 1.2 * state.fittedTo && found >= state.fittedTo;
+  smoother->SetJerkIntensity(fresh ? state.jerkIntensity : -1);
+  smoother->SetCorrelatedFraction(fresh ? state.correlatedFraction : -1);
+  smoother->SetCorrelationTime(fresh ? state.correlationTime : 0);
+  smoother->SetLargestPredictionSigma(0.5 * diameter);
+  smoother->SetInputData(rows.data());
+  smoother->Update();
+  withoutLost(smoother->GetOutput(), state.trajectory);
+  if (!fresh) {
+    const auto fitted = [&](const char* name) {
+      return smoother->GetOutput()->GetFieldData()->GetArray(name)->GetTuple1(0);
+    };
+    state.fittedTo = found;
+    state.jerkIntensity = fitted("JerkIntensity");
+    state.correlatedFraction = fitted("CorrelatedFraction");
+    state.correlationTime = fitted("CorrelationTime");
+  }
+  return true;
+}
+
+/// One point for a found sphere, with the motion that its trajectory tells.
+vtkSmartPointer<vtkPolyData> centreOf(std::size_t sphere, double time, const LocatedSphere& s,
+                                      vtkPolyData* trajectory) {
+  Rows one(sphere);
+  one.add(time, s);
+  vtkPointData* data = trajectory->GetPointData();
+  if (data->GetArray("RawCentre")) // smoothed
+    for (vtkIdType row = 0; row < trajectory->GetNumberOfPoints(); ++row)
+      if (data->GetArray("Time")->GetTuple1(row) == time)
+        for (const char* name : {"Velocity", "Acceleration"})
+          one.data()->GetPointData()->GetArray(name)->SetTuple(0, row, data->GetArray(name));
+  vtkNew<vtkCellArray> vertex;
+  const vtkIdType first = 0;
+  vertex->InsertNextCell(1, &first);
+  one.data()->SetVerts(vertex);
+  return one.data();
+}
+
+vtkSmartPointer<vtkPolyData> surfaceOf(std::size_t sphere, const LocatedSphere& s, int resolution) {
+  vtkNew<vtkSphereSource> source;
+  source->SetCenter(s.centre.data());
+  source->SetRadius(0.5 * s.diameter);
+  source->SetThetaResolution(resolution);
+  source->SetPhiResolution(resolution / 2 + 1);
+  source->Update();
+  vtkNew<vtkIntArray> id;
+  id->SetName("SphereId");
+  id->SetNumberOfTuples(source->GetOutput()->GetNumberOfPoints());
+  id->Fill(double(sphere));
+  source->GetOutput()->GetPointData()->AddArray(id);
+  return source->GetOutput();
+}
+
+void join(vtkAppendPolyData* parts, vtkPolyData* output) {
+  if (parts->GetNumberOfInputConnections(0) == 1) {
+    output->ShallowCopy(parts->GetInput(0));
+    return;
+  }
+  parts->Update();
+  output->ShallowCopy(parts->GetOutput());
+}
+
 } // namespace
 
 vtkInvisibleSphereLocator::vtkInvisibleSphereLocator() : State(new Internals) {
   this->SetNumberOfInputPorts(2);
-  this->SetNumberOfOutputPorts(3);
+  this->SetNumberOfOutputPorts(4);
   this->SetInputArrayToProcess(0, 0, 0, vtkDataObject::FIELD_ASSOCIATION_POINTS, "Velocity");
+  this->SetInputArrayToProcess(1, 0, 0, vtkDataObject::FIELD_ASSOCIATION_POINTS, "TrackId");
 }
 
 vtkInvisibleSphereLocator::~vtkInvisibleSphereLocator() = default;
@@ -208,9 +318,9 @@ int vtkInvisibleSphereLocator::RequestUpdateExtent(vtkInformation* request, vtkI
     const double* times = in->Get(Pipeline::TIME_STEPS());
     state.pending.clear();
     for (int k = n; k-- > 0;)
-      if (state.tracker && !state.tracker->knows(times[k])) state.pending.push_back(times[k]);
-    if (state.pending.empty() && state.tracker) { // all visited one by one, but not all in the best order
-      const std::vector<double> again = state.tracker->worthAnotherLook();
+      if (state.group && !state.group->knows(times[k])) state.pending.push_back(times[k]);
+    if (state.pending.empty() && state.group) { // all visited one by one, but not all in the best order
+      const std::vector<double> again = state.group->worthAnotherLook();
       state.pending.assign(again.rbegin(), again.rend());
     }
     const int port = std::max(0, request->Get(vtkExecutive::FROM_OUTPUT_PORT()));
@@ -233,21 +343,25 @@ int vtkInvisibleSphereLocator::RequestUpdateExtent(vtkInformation* request, vtkI
 
 void vtkInvisibleSphereLocator::RenewTracker() {
   Internals& state = *this->State;
-  std::vector<double> settings{this->Diameter,     double(this->Method), double(this->UseInitialGuess),
-                               this->SearchRadius, this->PositionNoise,  this->GhostRate};
+  std::vector<double> diameters{this->Diameter};
+  diameters.insert(diameters.end(), this->OtherDiameters.begin(), this->OtherDiameters.end());
+  std::vector<double> settings{double(this->Method), double(this->UseInitialGuess),
+                               this->SearchRadius,   this->PositionNoise,
+                               this->GhostRate,      this->DiameterSigma};
+  settings.insert(settings.end(), diameters.begin(), diameters.end());
   if (this->UseInitialGuess) settings.insert(settings.end(), this->InitialGuess, this->InitialGuess + 3);
   if (this->Method == PUBLISHED_COST)
     settings.insert(settings.end(),
                     {this->UpDirection[0], this->UpDirection[1], this->UpDirection[2], this->WeightVelocity,
                      this->WeightVortex, this->ShellA, this->ShellB, this->ShellC, this->ShellE,
-                     this->FiniteDifferenceStep, double(this->MaximumIterations)});
+                     this->FiniteDifferenceStep, this->Tolerance, double(this->MaximumIterations)});
   const vtkMTimeType upstream = rimflow::upstreamMTime(this);
-  if (state.tracker && settings == state.settings && upstream == state.upstream) return;
+  if (state.group && settings == state.settings && upstream == state.upstream) return;
 
   rimflow::TrackerOptions o;
   o.method = this->Method == PUBLISHED_COST ? rimflow::LocatorMethod::PublishedCost
                                             : rimflow::LocatorMethod::VoidLikelihood;
-  o.likelihood.diameter = this->Diameter;
+  o.likelihood.diameterSigma = this->DiameterSigma;
   o.likelihood.positionNoise = this->PositionNoise;
   o.likelihood.ghostRate = this->GhostRate;
   o.likelihood.searchSide = 2 * this->SearchRadius;
@@ -259,26 +373,29 @@ void vtkInvisibleSphereLocator::RenewTracker() {
   o.published.c = this->ShellC;
   o.published.e = this->ShellE;
   o.published.step = this->FiniteDifferenceStep;
+  o.published.tolerance = this->Tolerance;
   o.published.maximumIterations = this->MaximumIterations;
   if (this->UseInitialGuess) o.guess = Eigen::Vector3d(this->InitialGuess);
   state = Internals();
-  state.tracker = std::make_unique<rimflow::SphereTracker>(o); // throws when the diameter is no diameter
+  state.group = std::make_unique<rimflow::SphereGroup>(o, diameters); // throws when a diameter is none
+  state.smoothed.resize(diameters.size());
   state.settings = settings;
   state.upstream = upstream;
 }
 
 void vtkInvisibleSphereLocator::LocateAt(double time, vtkPolyData* particles, vtkImageData* image) {
-  const std::vector<double> again = this->State->tracker->worthAnotherLook();
-  if (this->State->tracker->knows(time) && std::find(again.begin(), again.end(), time) == again.end()) return;
-  rimflow::SnapshotParticles snapshot;
+  if (!this->State->group->wants(time)) return;
   vtkSmartPointer<vtkFloatArray> positions, velocities, flowVelocity, flowQ;
-  if (particles->GetPoints()) {
-    positions = rimflow::asFloat(particles->GetPoints()->GetData());
-    snapshot.positions = positions->GetPointer(0);
-    snapshot.count = std::size_t(particles->GetNumberOfPoints());
-  }
+  vtkSmartPointer<vtkIdTypeArray> tracks;
+  if (particles->GetPoints()) positions = rimflow::asFloat(particles->GetPoints()->GetData());
   velocities = rimflow::asFloat(rimflow::pointVectors(this, particles, 0, "Velocity"));
-  if (velocities) snapshot.velocities = velocities->GetPointer(0);
+  tracks = vtkIdTypeArray::SafeDownCast(rimflow::pointNumbers(this, particles, 1, "TrackId"));
+  static_assert(sizeof(vtkIdType) == sizeof(std::int64_t), "ids of tracks have 64 bits");
+  const rimflow::SnapshotParticles snapshot(
+      positions ? positions->GetPointer(0) : nullptr,
+      std::size_t(positions ? positions->GetNumberOfTuples() : 0),
+      velocities ? velocities->GetPointer(0) : nullptr,
+      tracks ? reinterpret_cast<const std::int64_t*>(tracks->GetPointer(0)) : nullptr);
 
   rimflow::FlowField flow;
   std::vector<unsigned char> mask;
@@ -306,13 +423,13 @@ void vtkInvisibleSphereLocator::LocateAt(double time, vtkPolyData* particles, vt
     this->UpdateProgress(std::min(1.0, std::max(0.0, done)));
     return !rimflow::aborted(this);
   };
-  this->State->tracker->locate(time, snapshot, flow.velocity ? &flow : nullptr, progress);
+  this->State->group->locate(time, snapshot, flow.velocity ? &flow : nullptr, progress);
 }
 
 int vtkInvisibleSphereLocator::RequestData(vtkInformation* request, vtkInformationVector** inputs,
                                            vtkInformationVector* outputs) {
   Internals& state = *this->State;
-  for (int port = 0; port < 3; ++port) vtkPolyData::GetData(outputs, port)->Initialize();
+  for (int port = 0; port < 4; ++port) vtkPolyData::GetData(outputs, port)->Initialize();
   vtkPolyData* particles = vtkPolyData::GetData(inputs[0]);
   vtkImageData* flow =
       inputs[1]->GetNumberOfInformationObjects() > 0 ? vtkImageData::GetData(inputs[1]) : nullptr;
@@ -325,7 +442,7 @@ int vtkInvisibleSphereLocator::RequestData(vtkInformation* request, vtkInformati
     if (state.looping) {
       if (!state.pending.empty()) state.pending.pop_back();
       if (state.pending.size() == 1 && !state.lookingAgain) { // all visited: back to those lost at first
-        const std::vector<double> again = state.tracker->worthAnotherLook();
+        const std::vector<double> again = state.group->worthAnotherLook();
         state.pending.insert(state.pending.end(), again.rbegin(), again.rend());
         state.pendingAtStart += again.size();
         state.lookingAgain = true;
@@ -337,86 +454,73 @@ int vtkInvisibleSphereLocator::RequestData(vtkInformation* request, vtkInformati
       request->Remove(vtkStreamingDemandDrivenPipeline::CONTINUE_EXECUTING());
       state.looping = false;
     }
-    if (!rimflow::aborted(this)) this->FillOutputs(time, outputs);
+    if (!rimflow::aborted(this))
+      this->FillOutputs(
+          time, this->JointTrajectory && this->AllTimesKnown(inputs[0]->GetInformationObject(0)), outputs);
   } catch (const std::exception& error) {
     request->Remove(vtkStreamingDemandDrivenPipeline::CONTINUE_EXECUTING());
     state.looping = false;
-    for (int port = 0; port < 3; ++port) vtkPolyData::GetData(outputs, port)->Initialize();
+    for (int port = 0; port < 4; ++port) vtkPolyData::GetData(outputs, port)->Initialize();
     vtkErrorMacro("The sphere cannot be located: " << error.what() << ".");
     return 0;
   }
   return 1;
 }
 
-void vtkInvisibleSphereLocator::FillOutputs(double time, vtkInformationVector* outputs) {
+bool vtkInvisibleSphereLocator::AllTimesKnown(vtkInformation* input) const {
+  using Pipeline = vtkStreamingDemandDrivenPipeline;
+  const int n = input->Length(Pipeline::TIME_STEPS());
+  const double* times = input->Get(Pipeline::TIME_STEPS());
+  return std::all_of(times, times + n, [this](double t) { return this->State->group->knows(t); });
+}
+
+void vtkInvisibleSphereLocator::FillOutputs(double time, bool whole, vtkInformationVector* outputs) {
   Internals& state = *this->State;
-  const auto& known = state.tracker->known();
-  const auto here = known.find(time);
-  if (here == known.end()) return; // aborted
-
-  // Port 2: everything known, smoothed.
-  vtkPolyData* trajectory = vtkPolyData::GetData(outputs, 2);
-  const auto count =
-      std::size_t(std::count_if(known.begin(), known.end(), [](const auto& k) { return k.second.found; }));
-  Rows all(this->Diameter);
-  vtkIdType row = -1;
-  for (const auto& [t, sphere] : known) {
-    if (!sphere.found && count < 2) continue;
-    if (t == time) row = all.data()->GetNumberOfPoints();
-    all.add(t, sphere);
-  }
-  vtkNew<vtkPolyData> smoothed;
-  if (count > 1) {
-    vtkNew<vtkTrajectorySmoother> smoother;
-    const bool fresh = count > 30 && count < 1.2 * state.smoothedCount && count >= state.smoothedCount;
-    smoother->SetJerkIntensity(fresh ? state.jerkIntensity : -1);
-    smoother->SetCorrelatedFraction(fresh ? state.correlatedFraction : -1);
-    smoother->SetCorrelationTime(fresh ? state.correlationTime : 0);
-    smoother->SetLargestPredictionSigma(0.5 * this->Diameter);
-    smoother->SetInputData(all.data());
-    smoother->Update();
-    smoothed->ShallowCopy(smoother->GetOutput());
-    withoutLost(smoothed, trajectory);
-    if (!fresh) {
-      state.smoothedCount = count;
-      state.jerkIntensity = smoothed->GetFieldData()->GetArray("JerkIntensity")->GetTuple1(0);
-      state.correlatedFraction = smoothed->GetFieldData()->GetArray("CorrelatedFraction")->GetTuple1(0);
-      state.correlationTime = smoothed->GetFieldData()->GetArray("CorrelationTime")->GetTuple1(0);
+  vtkPolyData *surface = vtkPolyData::GetData(outputs, 0), *centre = vtkPolyData::GetData(outputs, 1),
+              *trajectory = vtkPolyData::GetData(outputs, 2), *wall = vtkPolyData::GetData(outputs, 3);
+  vtkNew<vtkAppendPolyData> surfaces, centres, trajectories;
+  std::string why;
+  for (std::size_t i = 0; i < state.group->size(); ++i) {
+    const auto& known = (*state.group)[i].known();
+    const auto here = known.find(time);
+    if (here == known.end()) return; // aborted
+    const bool again = smooth(i, known, whole, state.smoothed[i]);
+    trajectories->AddInputData(state.smoothed[i].trajectory);
+    if (again) this->UpdateProgress(1);
+    if (!here->second.found) {
+      why += (why.empty() ? "" : "; ") + here->second.text;
+      continue;
     }
-  } else {
-    trajectory->ShallowCopy(all.data());
+    const auto point = centreOf(i, time, here->second, state.smoothed[i].trajectory);
+    centres->AddInputData(point);
+    surfaces->AddInputData(surfaceOf(i, here->second, this->SphereResolution));
+    if (i == 0) rimflow::wallToPolyData(estimateOf(time, here->second), 0.5 * here->second.diameter, wall);
   }
-
-  // Ports 1 and 0: this snapshot.
-  vtkPolyData* centre = vtkPolyData::GetData(outputs, 1);
-  vtkPolyData* surface = vtkPolyData::GetData(outputs, 0);
-  if (!here->second.found) {
-    fillLost(centre, time, this->Diameter, here->second.text);
-    fillLost(surface, time, this->Diameter, here->second.text);
+  join(trajectories, trajectory);
+  if (state.group->size() == 1)
+    trajectory->GetFieldData()->ShallowCopy(state.smoothed[0].trajectory->GetFieldData());
+  if (centres->GetNumberOfInputConnections(0) == 0) {
+    fillLost(centre, time, this->Diameter, why);
+    fillLost(surface, time, this->Diameter, why);
   } else {
-    Rows one(this->Diameter);
-    one.add(time, here->second);
-    if (count > 1)
-      for (const char* name : {"Velocity", "Acceleration"})
-        one.data()->GetPointData()->GetArray(name)->SetTuple(0, row,
-                                                             smoothed->GetPointData()->GetArray(name));
-    centre->ShallowCopy(one.data());
-    vtkNew<vtkCellArray> vertex;
-    const vtkIdType first = 0;
-    vertex->InsertNextCell(1, &first);
-    centre->SetVerts(vertex);
+    join(centres, centre);
+    join(surfaces, surface);
     copyToFieldData(centre, centre);
-    vtkNew<vtkSphereSource> source;
-    source->SetCenter(here->second.centre.data());
-    source->SetRadius(0.5 * this->Diameter);
-    source->SetThetaResolution(this->SphereResolution);
-    source->SetPhiResolution(this->SphereResolution / 2 + 1);
-    source->Update();
-    surface->ShallowCopy(source->GetOutput());
     copyToFieldData(centre, surface);
   }
-  for (vtkPolyData* output : {surface, centre, trajectory})
+  for (vtkPolyData* output : {surface, centre, trajectory, wall})
     output->GetInformation()->Set(vtkDataObject::DATA_TIME_STEP(), time);
+}
+
+void vtkInvisibleSphereLocator::AddOtherDiameter(double diameter) {
+  this->OtherDiameters.push_back(diameter);
+  this->Modified();
+}
+
+void vtkInvisibleSphereLocator::ClearOtherDiameters() {
+  if (this->OtherDiameters.empty()) return;
+  this->OtherDiameters.clear();
+  this->Modified();
 }
 
 void vtkInvisibleSphereLocator::PrintSelf(ostream& os, vtkIndent indent) {
@@ -425,5 +529,8 @@ void vtkInvisibleSphereLocator::PrintSelf(ostream& os, vtkIndent indent) {
      << indent << "Method: " << (this->Method == PUBLISHED_COST ? "published cost" : "void likelihood")
      << "\n"
      << indent << "SearchRadius: " << this->SearchRadius << "\n"
-     << indent << "ProcessAllTimes: " << this->ProcessAllTimes << "\n";
+     << indent << "DiameterSigma: " << this->DiameterSigma << "\n"
+     << indent << "OtherDiameters: " << this->OtherDiameters.size() << "\n"
+     << indent << "ProcessAllTimes: " << this->ProcessAllTimes << "\n"
+     << indent << "JointTrajectory: " << this->JointTrajectory << "\n";
 }

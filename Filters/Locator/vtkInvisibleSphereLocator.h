@@ -3,22 +3,30 @@
  * @brief Finds the transparent sphere among tracer particles
  *
  * Input 0, `Particles`: vtkPolyData, one point per particle, metres; its velocity (SetInputArrayToProcess
- * index 0, else `Velocity`) is optional. Input 1, `Flow` (optional; needed by the published cost):
- * vtkImageData with `Velocity` (m/s) and `QCriterion` (1/s2).
+ * index 0, else `Velocity`) and the id of its track (index 1, else `TrackId`) are optional. Input 1, `Flow`
+ * (optional; needed by the published cost): vtkImageData with `Velocity` (m/s) and `QCriterion` (1/s2).
  *
  * Output 0, Sphere: the surface at the found place, with point normals; the arrays of output 1 as field data,
  * so that it serves as a Body. Empty when the sphere was not found. Output 1, Centre: one point with, as
  * point and field data, what this snapshot says by itself: `Time` (s), `Centre`, `Velocity`, `Acceleration`
  * (3), `Covariance` (6: xx yy zz xy yz xz, m2), `Sigma` (3, m), `SigmaTensor` (9, m, square root of the
- * covariance, for Tensor Glyph), `Diameter` (m), `Cost`, `GradientNorm` (1/m), `Iterations`,
- * `ParticlesInside`, `OffsetVoid`, `OffsetVelocity`, `OffsetVortex` (m; -1: not computed), `Status` (0 found,
- * 2 lost), `StatusText`. Velocity and Acceleration come from the smoothed trajectory; while only one snapshot
- * is known, the velocity comes from the particles at the wall (no slip). When lost: no point, and Time,
- * Diameter, Status and StatusText as field data. Output 2, Trajectory: a polyline over all times visited so
- * far (all times with ProcessAllTimes), smoothed; the arrays of output 1 and those of vtkTrajectorySmoother,
- * with `RawCentre` as the single-snapshot estimate. Snapshots where nothing was found have Status 1 and are
- * bridged while their predicted centre is certain to a radius (StatusText says why nothing was found; Cost,
- * GradientNorm and RawCentre are no numbers, ParticlesInside is -1); beyond that they are left out.
+ * covariance, for Tensor Glyph), `Diameter` and `DiameterSigma` (m), `SphereId`, `Cost`, `GradientNorm`
+ * (1/m), `Iterations`, `ParticlesInside`, `OffsetVoid`, `OffsetVelocity`, `OffsetVortex` (m; -1: not
+ * computed), `Status` (0 found, 2 lost), `StatusText`. Velocity and Acceleration come from the smoothed
+ * trajectory; while only one snapshot is known, the velocity comes from the particles at the wall (no slip).
+ * When lost: no point, and Time, Diameter, Status and StatusText as field data. Output 2, Trajectory: a
+ * polyline over all times visited so far (all times with ProcessAllTimes), smoothed; the arrays of output 1
+ * and those of vtkTrajectorySmoother, with `RawCentre` as the single-snapshot estimate. Snapshots where
+ * nothing was found have Status 1 and are bridged while their predicted centre is certain to a radius
+ * (StatusText says why nothing was found; Cost, GradientNorm and RawCentre are no numbers, ParticlesInside is
+ * -1); beyond that they are left out. As soon as all times of the input have been visited, the trajectory is
+ * the joint estimate of all snapshots. Output 3, Wall: the tracers next to the wall at this time, which
+ * decide where it is, with `Distance` from the wall (m), `Velocity` and `TrackId` (a sample of tracks beyond
+ * the wall's immediate neighbourhood); with all that vtkTrajectorySmoother needs for the joint estimate as
+ * field data.
+ *
+ * With several spheres (OtherDiameters) outputs 0 to 2 hold them one after the other: a surface, a point, a
+ * line for each that was found. Wall is that of the first.
  *
  * Every time is searched for once and kept until the particles or a property change. Times may come in any
  * order: what was found at other times only says where to look first. A time that was lost before anything
@@ -53,6 +61,22 @@ public:
   ///@}
 
   ///@{
+  /// Standard deviation of what is known of the diameters beforehand, m, >= 0. 0 (default): they are known
+  /// exactly. Above 0 each snapshot fits its diameter with the centre (`Diameter`, `DiameterSigma`).
+  vtkSetClampMacro(DiameterSigma, double, 0, VTK_DOUBLE_MAX);
+  vtkGetMacro(DiameterSigma, double);
+  ///@}
+
+  ///@{
+  /// Diameters of further spheres in the volume, m, > 0; none by default. The spheres' `SphereId` is 0 for
+  /// the one of `Diameter`, then 1, 2, ... in the order in which they were added.
+  void AddOtherDiameter(double diameter);
+  void ClearOtherDiameters();
+  int GetNumberOfOtherDiameters() const { return int(this->OtherDiameters.size()); }
+  double GetOtherDiameter(int index) const { return this->OtherDiameters.at(std::size_t(index)); }
+  ///@}
+
+  ///@{
   /// How the sphere is found: VOID_LIKELIHOOD (default) or PUBLISHED_COST.
   vtkSetClampMacro(Method, int, VOID_LIKELIHOOD, PUBLISHED_COST);
   vtkGetMacro(Method, int);
@@ -84,6 +108,14 @@ public:
   ///@}
 
   ///@{
+  /// Estimate all snapshots jointly as soon as all times of the input have been visited, for the Trajectory.
+  /// Off: it stays the smoothed path through the single snapshots. Default on.
+  vtkSetMacro(JointTrajectory, bool);
+  vtkGetMacro(JointTrajectory, bool);
+  vtkBooleanMacro(JointTrajectory, bool);
+  ///@}
+
+  ///@{
   /// Void likelihood: standard deviation of a particle's position per component, m; 0 (default): from the
   /// data.
   vtkSetClampMacro(PositionNoise, double, 0, VTK_DOUBLE_MAX);
@@ -98,7 +130,8 @@ public:
   ///@}
 
   ///@{
-  /// Published cost: the direction against gravity. Default (0, 1, 0).
+  /// Published cost: the direction against gravity, of any length. Default (0, 0, 0): the direction of the
+  /// sphere's motion, from the flow around it.
   vtkSetVector3Macro(UpDirection, double);
   vtkGetVector3Macro(UpDirection, double);
   ///@}
@@ -131,6 +164,12 @@ public:
   ///@}
 
   ///@{
+  /// Published cost: epsilon; the search stops when the radius times |grad J| is below, >= 0. Default 0.001.
+  vtkSetClampMacro(Tolerance, double, 0, VTK_DOUBLE_MAX);
+  vtkGetMacro(Tolerance, double);
+  ///@}
+
+  ///@{
   /// Published cost: conjugate-gradient steps at most, >= 1. Default 100.
   vtkSetClampMacro(MaximumIterations, int, 1, VTK_INT_MAX);
   vtkGetMacro(MaximumIterations, int);
@@ -152,14 +191,17 @@ protected:
   int RequestData(vtkInformation*, vtkInformationVector**, vtkInformationVector*) override;
 
   double Diameter = 0.01111;
+  double DiameterSigma = 0;
+  std::vector<double> OtherDiameters;
   int Method = VOID_LIKELIHOOD;
   bool UseInitialGuess = false;
   double InitialGuess[3] = {0, 0, 0};
   double SearchRadius = 0;
   bool ProcessAllTimes = false;
+  bool JointTrajectory = true;
   double PositionNoise = 0;
   double GhostRate = -1;
-  double UpDirection[3] = {0, 1, 0};
+  double UpDirection[3] = {0, 0, 0};
   double WeightVelocity = 3.077;
   double WeightVortex = 4.415;
   double ShellA = 1.1;
@@ -167,8 +209,12 @@ protected:
   double ShellC = 2;
   double ShellE = 2.5;
   double FiniteDifferenceStep = 0;
+  double Tolerance = 1e-3;
   int MaximumIterations = 100;
   int SphereResolution = 64;
+
+public:
+  struct Internals; // not for users
 
 private:
   vtkInvisibleSphereLocator(const vtkInvisibleSphereLocator&) = delete;
@@ -176,9 +222,9 @@ private:
 
   void RenewTracker();
   void LocateAt(double time, vtkPolyData* particles, vtkImageData* flow);
-  void FillOutputs(double time, vtkInformationVector* outputs);
+  bool AllTimesKnown(vtkInformation* input) const;
+  void FillOutputs(double time, bool whole, vtkInformationVector* outputs);
 
-  struct Internals;
   std::unique_ptr<Internals> State;
 };
 

@@ -1,6 +1,7 @@
 #include "vtkTrajectorySmoother.h"
 
 #include "TrajectorySmoother.h"
+#include "vtkWallView.h"
 
 #include "vtkCellArray.h"
 #include "vtkDoubleArray.h"
@@ -17,6 +18,7 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <numeric>
 #include <stdexcept>
 #include <vector>
@@ -143,9 +145,35 @@ void fill(vtkPolyData* input, const rimflow::SmoothedTrajectory& t, vtkPolyData*
   addNumber(output, "CorrelationTime", t.correlationTime);
   addNumber(output, "CovarianceInflation", t.inflation);
   addNumber(output, "Rejected", t.rejected);
+  addNumber(output, "AccelerationPrior", t.accelerationPrior);
+  addNumber(output, "PositionNoise", t.positionNoise);
+  addNumber(output, "JointPoints", t.joint);
+}
+
+/// Gives each estimate its wall. False: there are none.
+bool addWalls(vtkInformationVector* inputs, std::vector<rimflow::CentreEstimate>& estimates) {
+  std::map<double, std::shared_ptr<const rimflow::WallView>> walls;
+  for (int i = 0; i < inputs->GetNumberOfInformationObjects(); ++i) {
+    vtkPolyData* data = vtkPolyData::GetData(inputs, i);
+    if (data && data->GetNumberOfPoints() > 0) walls.insert(rimflow::wallFromPolyData(data));
+  }
+  for (rimflow::CentreEstimate& e : estimates)
+    if (const auto wall = walls.find(e.time); wall != walls.end()) e.wall = wall->second;
+  return !walls.empty();
 }
 
 } // namespace
+
+vtkTrajectorySmoother::vtkTrajectorySmoother() { this->SetNumberOfInputPorts(2); }
+
+int vtkTrajectorySmoother::FillInputPortInformation(int port, vtkInformation* info) {
+  info->Set(vtkAlgorithm::INPUT_REQUIRED_DATA_TYPE(), "vtkPolyData");
+  if (port == 1) {
+    info->Set(vtkAlgorithm::INPUT_IS_OPTIONAL(), 1);
+    info->Set(vtkAlgorithm::INPUT_IS_REPEATABLE(), 1);
+  }
+  return 1;
+}
 
 int vtkTrajectorySmoother::RequestData(vtkInformation*, vtkInformationVector** inputs,
                                        vtkInformationVector* outputs) {
@@ -165,7 +193,10 @@ int vtkTrajectorySmoother::RequestData(vtkInformation*, vtkInformationVector** i
   options.correlationTime = this->CorrelationTime;
   options.largestPredictionSigma = this->LargestPredictionSigma;
   try {
-    fill(input, rimflow::smoothTrajectory(estimatesOf(input), options), output);
+    std::vector<rimflow::CentreEstimate> estimates = estimatesOf(input);
+    if (addWalls(inputs[1], estimates))
+      options.radius = 0.5 * needed(input, "Diameter", 1)->GetComponent(0, 0);
+    fill(input, rimflow::smoothTrajectory(estimates, options), output);
   } catch (const std::invalid_argument& error) {
     output->Initialize();
     vtkErrorMacro("The trajectory cannot be smoothed: " << error.what() << ".");

@@ -11,10 +11,13 @@
  * `RawCentre` (3), the input's Centre; all double but Status. Lost is what no find is near enough to for a
  * prediction (LargestPredictionSigma), and everything when nothing was found; the numbers of a lost point are
  * not numbers. Field data: `JerkIntensity` (m2/s5), `CorrelatedFraction`, `CorrelationTime` (s),
- * `CovarianceInflation`, `Rejected`.
+ * `CovarianceInflation`, `Rejected`, `AccelerationPrior` (m/s2), `PositionNoise` (m), `JointPoints`.
+ *
+ * Optional input 1, `Walls` (any number): the locator's output Wall of each snapshot. With them, and with the
+ * point array `Diameter` (m), the snapshots are estimated jointly: one smooth path that no track may enter.
  *
  * Kalman filter and Rauch-Tung-Striebel smoother for white-noise jerk; see TrajectorySmoother.h for the
- * model.
+ * model, and PathPosterior.h for the joint estimate.
  */
 #ifndef vtkTrajectorySmoother_h
 #define vtkTrajectorySmoother_h
@@ -56,9 +59,10 @@ public:
   ///@}
 
 protected:
-  vtkTrajectorySmoother() = default;
+  vtkTrajectorySmoother();
   ~vtkTrajectorySmoother() override = default;
 
+  int FillInputPortInformation(int port, vtkInformation* info) override;
   int RequestData(vtkInformation*, vtkInformationVector**, vtkInformationVector*) override;
 
   double JerkIntensity = -1;

@@ -1,9 +1,10 @@
-"""The command line of `rimflow process`, checked before anything is computed."""
+"""The command lines of `rimflow process` and `rimflow sensitivity`, checked before anything is computed."""
 import argparse
 import math
 import os
 import re
 
+STUDIES = ("step", "weights", "shells", "search", "guess", "model", "noise", "drop", "calibration")
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
 
 
@@ -60,25 +61,47 @@ def steps(text):
     return slice(*numbers)
 
 
-def parser():
+def count(text):
+    """A whole number from 3 on."""
+    if not re.fullmatch(r"\d+", text) or int(text) < 3:
+        raise argparse.ArgumentTypeError(f"'{text}' must be a whole number from 3 on")
+    return int(text)
+
+
+def _parser(command, description):
+    """What both commands ask for: the tracks, the sphere, the fluid, and where the results go."""
     p = argparse.ArgumentParser(
-        prog="rimflow process", formatter_class=argparse.ArgumentDefaultsHelpFormatter,
-        description="From the tracks of a Shake-The-Box export to the trajectory of the invisible sphere, and on request the flow around it.",
+        prog=f"rimflow {command}", formatter_class=argparse.ArgumentDefaultsHelpFormatter, description=description,
         epilog="Lengths take a unit (11.11mm, 0.01111m); everything else is SI. Times are the file's own.")
     p.add_argument("tracks", nargs="+", metavar="TRACKS", help="track files: one with all snapshots, or one per snapshot")
     p.add_argument("--out", required=True, metavar="DIR", help="folder for the results; made if it is not there")
     p.add_argument("--diameter", required=True, type=length, help="of the sphere, with its unit")
-    p.add_argument("--density", type=positive, default=1820.0, help="of the fluid, kg/m3")
     p.add_argument("--viscosity", type=positive, default=1.1e-6, help="kinematic, of the fluid, m2/s")
-    p.add_argument("--body-density", type=positive, default=1190.0, help="of the sphere, kg/m3")
     p.add_argument("--spacing", type=length, default=None, help="of the grid for the fields; default: from the particle density")
-    p.add_argument("--up", type=direction, default=(0.0, 1.0, 0.0), help="against gravity")
+    p.add_argument("--up", type=direction, default=None,
+                   help="against gravity; default: 0,1,0 in pictures, and for the published method the direction of the sphere's motion")
     p.add_argument("--steps", type=steps, default=slice(None), metavar="a:b:s", help="slice of snapshot indices (default: all)")
+    p.add_argument("--frame-period", type=positive, default=None, help="seconds between snapshots, where the files give no time")
+    return p
+
+
+def sensitivity_parser():
+    p = _parser("sensitivity", "How far the found centre of the sphere moves when the method's parameters and the data are changed a little, "
+                "beside the limits of Jose et al. (2025), and which weights of the published cost function converge steadily.")
+    p.add_argument("--method", choices=("likelihood", "published", "both"), default="both", help="what is studied")
+    p.add_argument("--snapshots", type=count, default=10, metavar="N", help="as many of the selected snapshots, evenly spread")
+    p.add_argument("--studies", default="all", metavar="A,B", help="only these studies: " + ", ".join(STUDIES))
+    return p
+
+
+def parser():
+    p = _parser("process", "From the tracks of a Shake-The-Box export to the trajectory of the invisible sphere, and on request the flow around it.")
+    p.add_argument("--density", type=positive, default=1820.0, help="of the fluid, kg/m3")
+    p.add_argument("--body-density", type=positive, default=1190.0, help="of the sphere, kg/m3")
     p.add_argument("--method", choices=("likelihood", "published"), default="likelihood",
                    help="how the sphere is found: the void likelihood, or the cost function as published (slower: it needs the flow field)")
     p.add_argument("--fields", choices=("none", "vti"), default="none",
                    help="vti: also reconstruct the flow and write Velocity, MaterialAcceleration, Vorticity, QCriterion and Mask per snapshot")
-    p.add_argument("--frame-period", type=positive, default=None, help="seconds between snapshots, where the files give no time")
     p.add_argument("--ranks", type=int, default=1, help="processes (MPI) that share the snapshots")
     p.add_argument("--resume", action="store_true", help="go on with an interrupted run in the same folder")
     p.add_argument("--images", action="store_true", help="also draw the sphere with its tracks and vortices (PNG)")
@@ -87,12 +110,27 @@ def parser():
 
 def parse(arguments):
     """Options from the command line; raises UsageError with a message for the user."""
-    options = parser().parse_args(arguments)
+    options = _checked(parser().parse_args(arguments))
+    if options.ranks < 1:
+        raise UsageError(f"--ranks is {options.ranks}; it must be 1 or more")
+    return options
+
+
+def parse_sensitivity(arguments):
+    """The same for `rimflow sensitivity`."""
+    options = _checked(sensitivity_parser().parse_args(arguments))
+    names = [name.strip() for name in options.studies.split(",")]
+    options.studies = list(STUDIES) if names == ["all"] else names
+    unknown = sorted(set(options.studies) - set(STUDIES))
+    if unknown:
+        raise UsageError(f"--studies names {', '.join(unknown)}; there are {', '.join(STUDIES)}")
+    return options
+
+
+def _checked(options):
     missing = [f for f in options.tracks if not os.path.isfile(f)]
     if missing:
         raise UsageError(f"{len(missing)} of {len(options.tracks)} track files cannot be found, the first is {missing[0]}")
-    if options.ranks < 1:
-        raise UsageError(f"--ranks is {options.ranks}; it must be 1 or more")
     if os.path.exists(options.out) and not os.path.isdir(options.out):
         raise UsageError(f"--out is {options.out}, which is a file; name a folder")
     options.tracks = [os.path.abspath(f) for f in options.tracks]
@@ -105,6 +143,6 @@ def settings(options):
     return {
         "tracks": options.tracks, "diameter_m": options.diameter, "density_kg_m3": options.density,
         "viscosity_m2_s": options.viscosity, "body_density_kg_m3": options.body_density, "spacing_m": options.spacing,
-        "up": list(options.up), "steps": [options.steps.start, options.steps.stop, options.steps.step],
+        "up": list(options.up) if options.up else None, "steps": [options.steps.start, options.steps.stop, options.steps.step],
         "method": options.method, "fields": options.fields, "frame_period_s": options.frame_period,
     }

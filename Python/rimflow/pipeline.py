@@ -8,7 +8,7 @@ from vtkmodules.vtkCommonCore import VTK_STRING, vtkPoints, vtkVersion
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
 from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
 from vtkmodules.vtkFiltersSources import vtkSphereSource
-from vtkmodules.vtkIOXML import vtkXMLImageDataWriter, vtkXMLPolyDataWriter
+from vtkmodules.vtkIOXML import vtkXMLImageDataWriter, vtkXMLPolyDataReader, vtkXMLPolyDataWriter
 from vtkmodules.vtkParallelCore import vtkMultiProcessController
 
 from rimflow import files
@@ -79,7 +79,8 @@ class Chain:
         self.locator = vtkInvisibleSphereLocator()
         self.locator.SetInputConnection(0, self.reader.GetOutputPort())
         self.locator.SetDiameter(options.diameter)
-        self.locator.SetUpDirection(*options.up)
+        self.locator.JointTrajectoryOff()  # all ranks' snapshots are estimated together in the end
+        self.locator.SetUpDirection(*(options.up or (0, 0, 0)))
         self.flow = self._flow()
         self.masked_flow = self._flow()
         if options.method == "published":
@@ -112,16 +113,19 @@ class Chain:
         """What the locator says of one snapshot, as plain numbers."""
         self.locator.UpdateTimeStep(time)
         self.errors.check()
-        found = self.locator.GetOutputDataObject(1)
-        value = lambda name: _values(found, name)
-        status = int(value("Status")[0])
-        record = {"status": status, "status_text": _text(found, "StatusText")}
-        if status != 2:
-            record.update(centre_m=value("Centre"), covariance_m2=value("Covariance"), cost=value("Cost")[0],
-                          gradient_norm=value("GradientNorm")[0], iterations=int(value("Iterations")[0]),
-                          particles_inside=int(value("ParticlesInside")[0]), offset_void_m=value("OffsetVoid")[0],
-                          offset_velocity_m=value("OffsetVelocity")[0], offset_vortex_m=value("OffsetVortex")[0])
-        return {k: _plain(v) for k, v in record.items()}
+        return located(self.locator.GetOutputDataObject(1))
+
+    def wall(self):
+        """The tracers next to the wall in the snapshot that was located last; empty when the sphere was not found."""
+        return self.locator.GetOutputDataObject(3)
+
+    def snapshot(self, time, flow):
+        """The particles of one time and, on request, the flow without a body; both stay when the time moves on."""
+        self.reader.UpdateTimeStep(time)
+        if flow:
+            self.flow[1].UpdateTimeStep(time)
+        self.errors.check()
+        return _kept(self.reader.GetOutput()), _kept(self.flow[1].GetOutput()) if flow else None
 
     def fields(self, time, body):
         """The flow around the sphere at one time: a vtkImageData with FIELD_ARRAYS."""
@@ -139,6 +143,25 @@ class Chain:
             if name not in FIELD_ARRAYS:
                 points.RemoveArray(name)
         return image
+
+
+def _kept(data):
+    copy = data.NewInstance()
+    copy.ShallowCopy(data)
+    return copy
+
+
+def located(found):
+    """One point of the locator's Centre output as plain numbers."""
+    value = lambda name: _values(found, name)
+    status = int(value("Status")[0])
+    record = {"status": status, "status_text": _text(found, "StatusText")}
+    if status != 2:
+        record.update(centre_m=value("Centre"), covariance_m2=value("Covariance"), cost=value("Cost")[0],
+                      gradient_norm=value("GradientNorm")[0], iterations=int(value("Iterations")[0]),
+                      particles_inside=int(value("ParticlesInside")[0]), offset_void_m=value("OffsetVoid")[0],
+                      offset_velocity_m=value("OffsetVelocity")[0], offset_vortex_m=value("OffsetVortex")[0])
+    return {k: _plain(v) for k, v in record.items()}
 
 
 QUALITY_ARRAYS = ("MisfitVelocity", "MisfitAcceleration", "VelocityNoise", "AccelerationNoise", "DivergenceNorm", "CurvatureWeight",
@@ -173,28 +196,31 @@ def _plain(value):
     return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
-def _add(attributes, name, values):
+def add_array(attributes, name, values):
     array = numpy_to_vtk(np.ascontiguousarray(values), deep=True)
     array.SetName(name)
     attributes.AddArray(array)
 
 
-def _points(positions):
+def vtk_points(positions):
     points = vtkPoints()
     points.SetData(numpy_to_vtk(np.ascontiguousarray(positions), deep=True))
     return points
 
 
-def smooth(times, centres, covariances, status, diameter):
-    """The trajectory smoother on single-snapshot results; a dictionary of arrays over the same times."""
+def smooth(times, centres, covariances, status, diameter, walls=()):
+    """The trajectory smoother on single-snapshot results and the locator's walls; a dictionary of arrays over the same times."""
     data = vtkPolyData()
-    data.SetPoints(_points(np.nan_to_num(centres)))
-    for name, values in (("Time", times), ("Centre", centres), ("Covariance", covariances), ("Status", status.astype(np.int32))):
-        _add(data.GetPointData(), name, values)
+    data.SetPoints(vtk_points(np.nan_to_num(centres)))
+    for name, values in (("Time", times), ("Centre", centres), ("Covariance", covariances), ("Status", status.astype(np.int32)),
+                         ("Diameter", np.full(len(times), diameter))):
+        add_array(data.GetPointData(), name, values)
     smoother, errors = vtkTrajectorySmoother(), Errors()
     errors.watch(smoother)
     smoother.SetLargestPredictionSigma(0.5 * diameter)  # as the locator's Trajectory
     smoother.SetInputData(data)
+    for wall in walls:
+        smoother.AddInputDataObject(1, wall)
     smoother.Update()
     errors.check()
     output = smoother.GetOutput().GetPointData()
@@ -205,13 +231,13 @@ def smooth(times, centres, covariances, status, diameter):
 def body(trajectory, row):
     """One row of the trajectory as a Body (field data); without `Centre` where the sphere is lost."""
     data = vtkPolyData()
-    _add(data.GetFieldData(), "Time", np.array([trajectory.time[row]]))
-    _add(data.GetFieldData(), "Status", np.array([int(trajectory.status[row])], np.int32))
+    add_array(data.GetFieldData(), "Time", np.array([trajectory.time[row]]))
+    add_array(data.GetFieldData(), "Status", np.array([int(trajectory.status[row])], np.int32))
     if trajectory.status[row] != 2:
         for name, values in (("Centre", trajectory.centre), ("Velocity", trajectory.velocity), ("Acceleration", trajectory.acceleration),
                              ("Covariance", trajectory.covariance)):
-            _add(data.GetFieldData(), name, values[row][None, :])
-        _add(data.GetFieldData(), "Diameter", np.array([trajectory.diameter]))
+            add_array(data.GetFieldData(), name, values[row][None, :])
+        add_array(data.GetFieldData(), "Diameter", np.array([trajectory.diameter]))
     return data
 
 
@@ -235,7 +261,7 @@ def polyline(trajectory):
     """The smoothed trajectory as one line through the snapshots where the sphere is known."""
     known = trajectory.status != 2
     data, lines = vtkPolyData(), vtkCellArray()
-    data.SetPoints(_points(trajectory.centre[known]))
+    data.SetPoints(vtk_points(trajectory.centre[known]))
     lines.InsertNextCell(int(known.sum()))
     for i in range(int(known.sum())):
         lines.InsertCellPoint(i)
@@ -243,8 +269,15 @@ def polyline(trajectory):
     for name, values in (("Time", trajectory.time), ("Snapshot", trajectory.snapshot), ("Velocity", trajectory.velocity),
                          ("Acceleration", trajectory.acceleration), ("Covariance", trajectory.covariance),
                          ("Status", trajectory.status.astype(np.int32)), ("RawCentre", trajectory.raw)):
-        _add(data.GetPointData(), name, values[known])
+        add_array(data.GetPointData(), name, values[known])
     return data
+
+
+def read_polydata(path):
+    reader = vtkXMLPolyDataReader()
+    reader.SetFileName(path)
+    reader.Update()
+    return reader.GetOutput()
 
 
 def write_polydata(path, data):

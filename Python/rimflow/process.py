@@ -1,8 +1,8 @@
 """`rimflow process`: tracks in, the sphere's trajectory and the flow around it out. Runs under pvbatch, alone or with MPI.
 
 Three passes, each over this rank's contiguous share of the snapshots:
-1. every snapshot by itself: find the sphere           -> snapshots/NNNNNN.json (what --resume goes on from)
-2. all snapshots together: smooth the trajectory       -> trajectory.csv
+1. every snapshot by itself: find the sphere           -> snapshots/NNNNNN.json (what --resume goes on from), NNNNNN.wall.vtp
+2. all snapshots together: the path, on the first rank -> trajectory.csv
 3. every snapshot with the smoothed sphere: the files  -> sphere/, fields/, report/
 """
 import itertools
@@ -106,6 +106,9 @@ class Run:
     def record_path(self, k):
         return self.path("snapshots", f"{k:06d}.json")
 
+    def wall_path(self, k):
+        return self.path("snapshots", f"{k:06d}.wall.vtp")
+
     def prepare_folder(self):
         """A fresh folder, or the one of the interrupted run when it was made with the same settings."""
         os.makedirs(self.options.out, exist_ok=True)
@@ -136,7 +139,7 @@ class Run:
             if bar:
                 bar.show(done)
             if not (self.options.resume and os.path.exists(self.record_path(k))):
-                files.write_json(self.record_path(k), self.attempt(k, lambda: self.chain.locate(self.times[k])))
+                self.keep(k, self.attempt(k, lambda: self.chain.locate(self.times[k])))
         if bar:
             bar.show(len(self.mine))
         self.ranks.wait()
@@ -153,7 +156,13 @@ class Run:
         for k in [find, *reversed(head)]:
             record = self.attempt(k, lambda: self.chain.locate(self.times[k]))
             if k != find and record["status"] != LOST:
-                files.write_json(self.record_path(k), record)
+                self.keep(k, record)
+
+    def keep(self, k, record):
+        """The wall first: a snapshot that has its record is done."""
+        if record["status"] != LOST:
+            pipeline.write_polydata(self.wall_path(k), self.chain.wall())
+        files.write_json(self.record_path(k), record)
 
     def read_records(self):
         return {k: read_json(self.record_path(k)) for k in self.selected}
@@ -168,8 +177,16 @@ class Run:
         return {"snapshot": k, "time_s": self.times[k], "seconds": round(time.monotonic() - start, 4), **record}
 
     def smooth(self):
+        """The first rank estimates the path, the others read it."""
         records = self.records = list(self.read_records().values())
-        trajectory = smooth(records, self.options.diameter)
+        smoothed = self.path("snapshots", "smoothed.npz")
+        if self.ranks.first:
+            walls = [pipeline.read_polydata(self.wall_path(k)) for k in self.selected if os.path.exists(self.wall_path(k))]
+            with files.replacing(smoothed) as temporary, open(temporary, "wb") as f:
+                np.savez(f, **smooth(records, self.options.diameter, walls))
+        self.ranks.wait()
+        with np.load(smoothed) as arrays:
+            trajectory = assembled(records, self.options.diameter, arrays)
         if self.ranks.first:
             files.write_csv(self.path("trajectory.csv"), TRAJECTORY_COLUMNS, trajectory_rows(trajectory))
         return trajectory
@@ -230,7 +247,7 @@ class Run:
         if options.images:  # last: without a working display ParaView ends the process
             from rimflow import images
 
-            images.draw(options.out, trajectory, options.tracks, options.up)
+            images.draw(options.out, trajectory, options.tracks, options.up or (0, 1, 0))
             write_report(self.path("report"), trajectory, run)
         counts = run["snapshots"]
         print(f"{counts['selected']} snapshots: {counts['found']} found, {counts['predicted']} predicted, {counts['lost']} lost. "
@@ -244,19 +261,27 @@ def read_json(name):
         return json.load(f)
 
 
-def smooth(records, diameter):
-    """The smoothed trajectory of the per-snapshot records, by the same smoother as in the locator's Trajectory output."""
-    n = len(records)
-    nan = [float("nan")] * 3
-    raw = np.array([r.get("centre_m") or nan for r in records], float).reshape(n, 3)
-    raw_covariance = np.array([r.get("covariance_m2") or [np.nan] * 6 for r in records], float).reshape(n, 6)
+def smooth(records, diameter, walls):
+    """The joint path of the per-snapshot records, by the same smoother as in the locator's Trajectory output."""
     times = np.array([r["time_s"] for r in records], float)
     status = np.array([r["status"] for r in records])
-    result = pipeline.smooth(times, raw, raw_covariance, status, diameter)
+    raw, covariance = raw_centres(records)
+    return pipeline.smooth(times, raw, covariance, status, diameter, walls)
+
+
+def raw_centres(records):
+    """Single-snapshot centres (n, 3) and covariances (n, 6); NaN where lost."""
+    n = len(records)
+    raw = np.array([r.get("centre_m") or [np.nan] * 3 for r in records], float).reshape(n, 3)
+    return raw, np.array([r.get("covariance_m2") or [np.nan] * 6 for r in records], float).reshape(n, 6)
+
+
+def assembled(records, diameter, smoothed):
+    raw, raw_covariance = raw_centres(records)
     return Trajectory(
-        diameter=diameter, snapshot=np.array([r["snapshot"] for r in records]), time=times, status=result["Status"],
-        centre=result["Centre"], velocity=result["Velocity"], acceleration=result["Acceleration"], covariance=result["Covariance"],
-        velocity_sigma=result["VelocitySigma"], raw=raw, raw_sigma=np.sqrt(raw_covariance[:, :3]),
+        diameter=diameter, snapshot=np.array([r["snapshot"] for r in records]), time=np.array([r["time_s"] for r in records], float),
+        status=smoothed["Status"], centre=smoothed["Centre"], velocity=smoothed["Velocity"], acceleration=smoothed["Acceleration"],
+        covariance=smoothed["Covariance"], velocity_sigma=smoothed["VelocitySigma"], raw=raw, raw_sigma=np.sqrt(raw_covariance[:, :3]),
         particles_inside=np.array([r.get("particles_inside", -1) for r in records]),
         cost=np.array([r.get("cost", np.nan) for r in records], float))
 

@@ -13,6 +13,8 @@ from rimflow.files import replacing, write_text
 AXES = ("x", "y", "z")
 COLOURS = ("#c1433c", "#3b7d3c", "#33609e")
 FOUND, PREDICTED, LOST = 0, 1, 2
+STYLE = """body{font:16px/1.5 sans-serif;max-width:1100px;margin:2em auto;padding:0 1em;color:#222}
+th{text-align:left;padding-right:2em;font-weight:600;vertical-align:top}img{max-width:100%}figure{margin:2em 0}figcaption{color:#555}"""
 STATUS_NAMES = {FOUND: "found", PREDICTED: "predicted from its neighbours", LOST: "lost"}
 
 
@@ -42,7 +44,7 @@ def plot_trajectory(t, run):
     figure = plt.figure(figsize=(8, 8), layout="constrained")
     ax = figure.add_subplot(projection="3d")
     # the vertical axis of the plot is the direction that points up, as far as an axis can
-    up = int(np.argmax(np.abs(run["settings"]["up"])))
+    up = int(np.argmax(np.abs(run["settings"]["up"] or (0, 1, 0))))
     order = [(up + 1) % 3, (up + 2) % 3, up]
     ax.plot(*centre[:, order].T, color="0.7", lw=1, zorder=1)
     ax.scatter(*raw[:, order].T, s=8, color="0.45", marker="+", label="single snapshots", zorder=2)
@@ -179,8 +181,7 @@ def index_html(folder, t, run, pages):
     problems = "\n".join(f"<li>Snapshot {k}: {html.escape(text)}</li>" for k, text in run["problems"])
     return f"""<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>RIMFlow: {html.escape(os.path.basename(s['tracks'][0]))}</title>
-<style>body{{font:16px/1.5 sans-serif;max-width:1100px;margin:2em auto;padding:0 1em;color:#222}}th{{text-align:left;padding-right:2em;font-weight:600;vertical-align:top}}
-img{{max-width:100%}}figure{{margin:2em 0}}figcaption{{color:#555}}</style></head><body>
+<style>{STYLE}</style></head><body>
 <h1>The invisible sphere</h1>
 <p>{html.escape(os.path.basename(s['tracks'][0]))}{f" and {len(s['tracks']) - 1} more files" if len(s['tracks']) > 1 else ""}</p>
 <table>

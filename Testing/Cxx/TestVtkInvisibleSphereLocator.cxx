@@ -15,6 +15,7 @@
 #include "vtkImageData.h"
 #include "vtkInformation.h"
 #include "vtkInformationVector.h"
+#include "vtkMath.h"
 #include "vtkNew.h"
 #include "vtkPointData.h"
 #include "vtkPoints.h"
@@ -24,6 +25,7 @@
 #include "vtkStringArray.h"
 #include "vtkTestErrorObserver.h"
 
+#include <array>
 #include <cmath>
 #include <functional>
 #include <gtest/gtest.h>
@@ -302,6 +304,26 @@ TEST(VtkInvisibleSphereLocator, PublishedCostFindsThePlaceToAFractionOfTheDiamet
   ASSERT_EQ(s.output(1)->GetNumberOfPoints(), 1);
   EXPECT_LT(s.error(), 0.5); // the published weights do not aim at the true centre
   EXPECT_GE(s.output(1)->GetPointData()->GetArray("OffsetVortex")->GetTuple1(0), 0);
+
+  // Unless told otherwise, up is where the sphere goes: here +y. The properties reach the search.
+  const auto centreNow = [&] {
+    s.at(5);
+    std::array<double, 3> x;
+    s.output(1)->GetPoint(0, x.data());
+    return x;
+  };
+  const auto free = centreNow();
+  const auto moved = [&](const std::array<double, 3>& x) {
+    return std::sqrt(vtkMath::Distance2BetweenPoints(x.data(), free.data())) / Diameter;
+  };
+  s.locator->SetUpDirection(0, 2, 0);
+  EXPECT_LT(moved(centreNow()), 0.02);
+  s.locator->SetUpDirection(0, -1, 0);
+  EXPECT_GT(moved(centreNow()), 0.05);
+  s.locator->SetUpDirection(0, 0, 0);
+  s.locator->SetTolerance(1e9);
+  s.at(5);
+  EXPECT_EQ(s.output(1)->GetPointData()->GetArray("Iterations")->GetTuple1(0), 0);
 }
 
 TEST(VtkInvisibleSphereLocator, RefusesADiameterOfZero) {

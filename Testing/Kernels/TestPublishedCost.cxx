@@ -1,6 +1,6 @@
 // Breaks when a criterion of the published cost does not take its exact value on a simple flow, when the
-// search leaves its cube or misses a symmetric minimum, or when a Hessian that is not positive definite goes
-// unnoticed.
+// search leaves its cube or misses a symmetric minimum, when a Hessian that is not positive definite goes
+// unnoticed, or when the upward direction is not that of the motion where none is given.
 #include "PublishedCost.h"
 #include "PublishedCriteriaByNode.h"
 
@@ -122,6 +122,33 @@ TEST(PublishedCost, FindsASymmetricSphere) {
   EXPECT_TRUE(e.positiveDefinite);
   EXPECT_GT(e.covariance.trace(), 0);
   EXPECT_GT(e.iterations, 0);
+}
+
+TEST(PublishedCost, UpIsTheDirectionOfTheMotionWhenNoneIsGiven) {
+  Scene s([](const Vector3d&) { return 0; }, [](const Vector3d&) { return 50; });
+  const Vector3d motion = Vector3d(0.5, -0.7, 0.5).normalized();
+  EXPECT_EQ(directionOfMotion(s.flow(), Centre, Diameter), Vector3d::UnitY()); // at rest
+  for (int k = 0; k < s.grid.n[2]; ++k)
+    for (int j = 0; j < s.grid.n[1]; ++j)
+      for (int i = 0; i < s.grid.n[0]; ++i) { // a slower, slanting wake behind, and potential flow around
+        const auto p = s.grid.position(i, j, k);
+        const Vector3d r = Vector3d(p[0], p[1], p[2]) - Centre;
+        const double b = std::pow(Radius / std::max(r.norm(), Radius), 3), along = motion.dot(r) / r.norm();
+        Vector3d u = r.norm() < Radius ? Vector3d(Speed * motion)
+                                       : Vector3d(0.5 * Speed * b * (3 * along * r / r.norm() - motion));
+        if (r.norm() > Radius && along < -0.8) u = 0.5 * Speed * (motion + Vector3d(0.35, 0.25, 0));
+        for (int c = 0; c < 3; ++c) s.velocity[3 * s.grid.index(i, j, k) + c] = float(u[c]);
+      }
+  for (const Vector3d& off : {Vector3d(0, 0, 0), Vector3d(0.003, 0, -0.002), Vector3d(0, 0.004, 0)})
+    EXPECT_GT(directionOfMotion(s.flow(), Centre + off, Diameter).dot(motion), std::cos(8 * M_PI / 180));
+  s.options.up = Vector3d::Zero();
+  const PublishedEstimate free = minimisePublishedCost(s.particles(), s.flow(), Centre, s.options);
+  s.options.up = directionOfMotion(s.flow(), Centre, Diameter);
+  const PublishedEstimate given = minimisePublishedCost(s.particles(), s.flow(), Centre, s.options);
+  EXPECT_LT((free.centre - given.centre).norm(), 1e-9);
+  s.options.up = Vector3d::UnitY();
+  const PublishedEstimate vertical = minimisePublishedCost(s.particles(), s.flow(), Centre, s.options);
+  EXPECT_GT((vertical.centre - given.centre).norm(), 1e-4 * Diameter);
 }
 
 TEST(PublishedCost, StaysInTheSearchCube) {

@@ -17,7 +17,7 @@ LocatedSphere locate(SphereTracker& tracker, int k, bool sphere = true) {
   TracerCloud cloud;
   cloud.sphere = sphere;
   const auto x = cloud.positions(place(k), 50 + k);
-  return tracker.locate(1e-3 * k, {x.data(), nullptr, x.size() / 3}, nullptr);
+  return tracker.locate(1e-3 * k, {x.data(), x.size() / 3});
 }
 TrackerOptions options() {
   TrackerOptions o;
@@ -66,7 +66,7 @@ TEST(SphereTracker, LooksAgainWhereItWasLostBeforeTheFirstFind) {
   SphereTracker tracker(options());
   const auto visit = [&](int k) {
     const auto x = snapshot(k);
-    return tracker.locate(1e-3 * k, {x.data(), nullptr, x.size() / 3}, nullptr);
+    return tracker.locate(1e-3 * k, {x.data(), x.size() / 3});
   };
   for (int k = 0; k < 3; ++k) EXPECT_FALSE(visit(k).found) << k;
   EXPECT_TRUE(tracker.worthAnotherLook().empty()); // nothing found says where to look

@@ -28,7 +28,7 @@ std::vector<CentreEstimate> estimates(int n, unsigned seed, double correlation =
   for (int k = 0; k < n; ++k) {
     const Vector3d fresh = Sigma * Vector3d(normal(random), normal(random), normal(random));
     error = k == 0 ? fresh : Vector3d(correlation * error + std::sqrt(1 - correlation * correlation) * fresh);
-    list.push_back({43.12 + k * Step, true, path(k * Step) + error, Sigma * Sigma * Matrix3d::Identity()});
+    list.push_back({43.12 + k * Step, true, path(k * Step) + error, Sigma * Sigma * Matrix3d::Identity(), nullptr});
   }
   return list;
 }

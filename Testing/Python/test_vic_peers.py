@@ -10,7 +10,7 @@ import numpy as np
 
 import rimflow_testing
 
-sys.path.insert(0, os.path.join(rimflow_testing.SOURCE, "Testing", "Benchmarks", "vic_peers"))
+sys.path[:0] = [os.path.join(rimflow_testing.SOURCE, "Testing", "Benchmarks", folder) for folder in ("vic_peers", "common")]
 
 import cases
 import flows
@@ -18,6 +18,7 @@ import grids
 import methods
 import page
 import run
+import tables
 
 
 def rms(a):
@@ -122,11 +123,11 @@ class TestComparison(unittest.TestCase):
             path = os.path.join(folder, "page.md")
             with open(path, "w") as f:
                 f.write("before\n<!-- table:peers -->\nold\n<!-- /table:peers -->\nafter\n")
-            page.fill(path, {"peers": "| new |"})
+            tables.fill(path, {"peers": "| new |"})
             with open(path) as f:
                 self.assertEqual(f.read(), "before\n<!-- table:peers -->\n| new |\n<!-- /table:peers -->\nafter\n")
             with self.assertRaises(ValueError):
-                page.fill(path, {"unknown": "| new |"})
+                tables.fill(path, {"unknown": "| new |"})
 
 
 if __name__ == "__main__":

@@ -9,11 +9,13 @@ import numpy as np
 from rimflow.vtkRIMFlowFilters import vtkVICSharpResample
 from scipy.interpolate import LinearNDInterpolator, RBFInterpolator
 from scipy.spatial import cKDTree
-from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
-from vtkmodules.vtkCommonCore import vtkDoubleArray, vtkPoints
-from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkImageData, vtkPolyData
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkCommonCore import vtkDoubleArray
+from vtkmodules.vtkCommonDataModel import vtkImageData, vtkPolyData
 from vtkmodules.vtkFiltersCore import vtkDelaunay3D, vtkProbeFilter
 from vtkmodules.vtkFiltersPoints import vtkGaussianKernel, vtkPointInterpolator, vtkShepardKernel
+
+from tracks import particle_data
 
 WIDTHS = (0.4, 0.5, 0.6, 0.8)  # of the Gaussian windows: standard deviation in particle spacings
 SMOOTHINGS = (0.1, 1.0)  # of the radial basis functions
@@ -30,19 +32,7 @@ class Result:
 
 
 def particles(case, acceleration=True):
-    data, points = vtkPolyData(), vtkPoints()
-    points.SetDataTypeToDouble()
-    points.SetData(numpy_to_vtk(np.ascontiguousarray(case.x), deep=True))
-    data.SetPoints(points)
-    ids = np.stack([np.ones(len(case.x), np.int64), np.arange(len(case.x))], 1).ravel()
-    cells = vtkCellArray()
-    cells.ImportLegacyFormat(numpy_to_vtk(ids, deep=True, array_type=12))
-    data.SetVerts(cells)
-    for name, values in [("Velocity", case.u)] + ([("Acceleration", case.a)] if acceleration else []):
-        array = numpy_to_vtk(np.ascontiguousarray(values, np.float32), deep=True)
-        array.SetName(name)
-        data.GetPointData().AddArray(array)
-    return data
+    return particle_data(case.x, Velocity=case.u, **({"Acceleration": case.a} if acceleration else {}))
 
 
 def body_data(body):

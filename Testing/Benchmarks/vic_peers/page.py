@@ -1,6 +1,5 @@
-"""Tables (Markdown) and plots (PNG) from the rows of results.csv, and the page that shows them."""
+"""Tables (Markdown) and plots (PNG) from the rows of results.csv."""
 import os
-import re
 
 import matplotlib
 
@@ -8,6 +7,8 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.ticker import LogLocator
+
+from tables import markdown, mean, numbers, unique
 
 FLOWS = {"random": "random solenoidal", "abc": "ABC", "taylor-green": "Taylor-Green", "stokes": "Stokes sphere", "cfd": "CFD sphere"}
 QUANTITIES = ("velocity", "vorticity", "acceleration")
@@ -18,28 +19,12 @@ LOOK = {"VIC#": (OURS, "o", "-"), "VIC#, no accelerations": (OURS, "s", "--"), "
         "Delaunay linear with wall points": ("#d55e00", "P", ":"), "Gaussian weighting": ("#cc79a7", "D", "-"), "Shepard (VTK)": ("#e69f00", "<", "-")}
 
 
-def numbers(rows, **wanted):
-    return [r for r in rows if all(r[k] == v if isinstance(v, str) else abs(float(r[k]) - v) < 1e-9 for k, v in wanted.items())]
-
-
-def mean(rows, column):
-    return float(np.mean([float(r[column]) for r in rows])) if rows else np.nan
-
-
 def ratio_text(value):
     return "-" if np.isnan(value) else f"{value:.3f}"
 
 
 def errors_text(rows):
     return " / ".join(ratio_text(mean(rows, f"{q}_error")) for q in QUANTITIES)
-
-
-def markdown(head, lines):
-    return "\n".join(["| " + " | ".join(head) + " |", "|" + " --- |" * len(head)] + ["| " + " | ".join(line) + " |" for line in lines])
-
-
-def unique(rows, column):
-    return list(dict.fromkeys(r[column] for r in rows))
 
 
 def peers_table(rows):
@@ -245,20 +230,3 @@ def write(folder, rows, scaling):
         figure.savefig(os.path.join(folder, name), dpi=90)
         plt.close(figure)
     return found
-
-
-def between_marks(found):
-    return "\n\n".join(f"<!-- table:{name} -->\n{text}\n<!-- /table:{name} -->" for name, text in found.items()) + "\n"
-
-
-def fill(path, found):
-    """Puts each table between its markers `<!-- table:NAME -->` and `<!-- /table:NAME -->`."""
-    with open(path, encoding="utf-8") as f:
-        text = f.read()
-    for name, table in found.items():
-        text, count = re.subn(rf"(<!-- table:{name} -->\n).*?(<!-- /table:{name} -->)", lambda m: m[1] + table + "\n" + m[2], text, flags=re.DOTALL)
-        if count != 1:
-            raise ValueError(f"{path} has {count} places for the table '{name}'; expected one: <!-- table:{name} --> ... <!-- /table:{name} -->")
-    with open(path + ".new", "w", encoding="utf-8") as f:
-        f.write(text)
-    os.replace(path + ".new", path)

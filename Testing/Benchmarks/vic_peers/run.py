@@ -4,17 +4,17 @@ Writes results.csv (one line per method, case and region), scaling.csv (one per 
 --out; with --page the tables go into Documentation/validation-vic.md, and plots and CSV beside its images.
 """
 import argparse
-import csv
 import os
 import sys
 import time
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+sys.path[:0] = [os.path.dirname(os.path.abspath(__file__)), os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common")]
 
 import cases
 import methods
 import page
 import scaling
+from tables import between_marks, fill, read_rows, write_rows
 
 SOURCE = os.path.normpath(os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", ".."))
 SPACINGS = (2, 3, 4, 5, 6)            # particle spacing over grid spacing
@@ -145,22 +145,6 @@ def compare(plan):
     return rows
 
 
-def write_rows(path, columns, rows):
-    with open(path + ".new", "w", newline="") as f:
-        writer = csv.DictWriter(f, columns, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
-    os.replace(path + ".new", path)
-
-
-def read_rows(path):
-    """Those of an earlier run where this one makes none."""
-    if not os.path.exists(path):
-        return []
-    with open(path, newline="") as f:
-        return list(csv.DictReader(f))
-
-
 def main(argv=None):
     arguments = parse(sys.argv[1:] if argv is None else argv)
     out = os.path.join(SOURCE, "Documentation", "images", "validation-vic") if arguments.page else arguments.out
@@ -173,10 +157,10 @@ def main(argv=None):
             write_rows(growth, scaling.COLUMNS, scaling.run(arguments.seed, arguments.largest))
     tables = page.write(out, read_rows(peers), read_rows(growth))
     if arguments.page:
-        page.fill(os.path.join(SOURCE, "Documentation", "validation-vic.md"), tables)
+        fill(os.path.join(SOURCE, "Documentation", "validation-vic.md"), tables)
     else:
         with open(os.path.join(out, "tables.md"), "w", encoding="utf-8") as f:
-            f.write(page.between_marks(tables))
+            f.write(between_marks(tables))
     print(tables["peers"] if "peers" in tables else "", f"\nresults: {out}")
 
 

@@ -49,39 +49,20 @@ def memory(key):
 
 def solve(path):
     """In the process of its own: a line of JSON per snapshot."""
-    from vtkmodules.numpy_interface import dataset_adapter
-    from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
-    from vtkmodules.util.vtkAlgorithm import VTKPythonAlgorithmBase
-    from vtkmodules.vtkCommonCore import vtkPoints
-    from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline as Pipeline
+    sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "common"))
     from rimflow.vtkRIMFlowFilters import vtkVICSharpResample
+    from tracks import Series, particle_data
+    from vtkmodules.util.numpy_support import vtk_to_numpy
 
     with np.load(path) as file:
         content = {name: file[name] for name in file.files}
 
     h, shape, check, snapshots = float(content["spacing"]), content["shape"], content["check"], int(content["snapshots"])
 
-    class Series(VTKPythonAlgorithmBase):
-        def __init__(self):
-            super().__init__(nInputPorts=0, nOutputPorts=1, outputType="vtkPolyData")
+    def snapshot(i):
+        return particle_data(content[f"x{i}"], Velocity=content[f"u{i}"], Acceleration=content[f"a{i}"])
 
-        def RequestInformation(self, request, inputs, outputs):
-            outputs.GetInformationObject(0).Set(Pipeline.TIME_STEPS(), list(range(snapshots)), snapshots)
-            outputs.GetInformationObject(0).Set(Pipeline.TIME_RANGE(), [0, snapshots - 1], 2)
-            return 1
-
-        def RequestData(self, request, inputs, outputs):
-            info = outputs.GetInformationObject(0)
-            i = int(info.Get(Pipeline.UPDATE_TIME_STEP())) if info.Has(Pipeline.UPDATE_TIME_STEP()) else 0
-            data = dataset_adapter.WrapDataObject(self.GetOutputData(outputs, 0))
-            points = vtkPoints()
-            points.SetData(numpy_to_vtk(content[f"x{i}"]))
-            data.VTKObject.SetPoints(points)
-            data.PointData.append(content[f"u{i}"], "Velocity")
-            data.PointData.append(content[f"a{i}"], "Acceleration")
-            return 1
-
-    series, f = Series(), vtkVICSharpResample()
+    series, f = Series(range(snapshots), snapshot), vtkVICSharpResample()
     f.SetInputConnection(series.GetOutputPort())
     f.SetSpacing(h)
     f.UseBoundsOn()
