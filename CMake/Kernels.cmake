@@ -25,6 +25,7 @@ add_library(rimflow_kernels STATIC
   Filters/Resampling/VICSharpModel.cxx
   Filters/Resampling/VICSharpProblem.cxx
   Filters/Resampling/VoidDistance.cxx
+  Filters/Locator/FlowAroundSphere.cxx
   Filters/Locator/ImportanceSampling.cxx
   Filters/Locator/PathPosterior.cxx
   Filters/Locator/PublishedCost.cxx
@@ -34,7 +35,6 @@ add_library(rimflow_kernels STATIC
   Filters/Locator/SphereTracker.cxx
   Filters/Locator/TrajectorySmoother.cxx
   Filters/Locator/VoidLikelihood.cxx
-  Filters/Locator/WallMotion.cxx
   Filters/Vortices/QCriterionKernel.cxx
 )
 target_include_directories(rimflow_kernels PUBLIC

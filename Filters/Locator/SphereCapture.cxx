@@ -1,5 +1,7 @@
 #include "SphereCapture.h"
 
+#include "FlowAroundSphere.h"
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -182,6 +184,21 @@ std::vector<Eigen::Vector3d> peaks(const CountGrid& grid, const std::vector<floa
 
 } // namespace
 
+double boundedFlowEvidence(const ParticleIndex& particles, const float* velocities, const VoidEstimate& place,
+                           double alarm, double limit) {
+  const double most = -FlowShare * limit;
+  if (!velocities || alarm <= limit || alarm - most > limit) return 0;
+  FlowEvidenceOptions options;
+  options.radius = 0.5 * place.diameter;
+  std::vector<WallParticle> around;
+  particles.forEachWithin(place.centre, (1 + options.reach) * options.radius,
+                          [&](std::uint32_t id, float x, float y, float z) {
+                            const float* u = velocities + 3 * std::size_t(id);
+                            around.push_back({{x, y, z}, {u[0], u[1], u[2]}, -1});
+                          });
+  return std::min(most, flowEvidence(around, options).logBayesFactor);
+}
+
 bool closedLikeASphere(const ParticleIndex& particles, const std::vector<Body>& others,
                        const VoidEstimate& estimate) {
   constexpr double Evidence = 4;       // nats
@@ -271,7 +288,7 @@ double enclosure(const ParticleIndex& particles, const Eigen::Vector3d& centre, 
 
 CaptureResult captureSphere(const ParticleIndex& particles, SeedingDensity& seeding,
                             const VoidLikelihoodOptions& sphere, const CaptureOptions& options,
-                            const Progress& progress) {
+                            const Progress& progress, const float* velocities) {
   CaptureResult result;
   const double radius = 0.5 * sphere.diameter;
   if (particles.size() < 20) {
@@ -290,17 +307,28 @@ CaptureResult captureSphere(const ParticleIndex& particles, SeedingDensity& seed
   VoidLikelihoodOptions close = sphere;
   close.searchSide = 0.7 * radius;
   bool notch = false, open = false;
-  std::vector<std::pair<double, VoidEstimate>> finds; // log false alarm, estimate
-  auto better = [](const auto& a, const auto& b) { return a.first < b.first; };
-  for (const Eigen::Vector3d& candidate : peaks(grid, score, 0.5 * radius, options.candidates)) {
+  struct Find {
+    double alarm; ///< log false alarm with the flow's evidence
+    double flow;  ///< that evidence
+    VoidEstimate estimate;
+  };
+  std::vector<Find> finds;
+  auto better = [](const Find& a, const Find& b) { return a.alarm < b.alarm; };
+  auto judge = [&](const VoidEstimate& estimate) {
+    const double alarm = logFalseAlarm(estimate, places);
+    const double flow = boundedFlowEvidence(particles, velocities, estimate, alarm, limit);
+    return Find{std::min(0., alarm - flow), flow, estimate};
+  };
+  for (const Eigen::Vector3d& candidate :
+       peaks(grid, score, 0.5 * radius, velocities ? options.flowCandidates : options.candidates)) {
     if (!clearOf(sphere.others, candidate, 0.6 * radius)) continue; // shadows of the other spheres
     const VoidEstimate estimate = roughVoid(particles, seeding, candidate, close);
     if (!clearOf(sphere.others, estimate.centre, 0.5 * estimate.diameter)) continue; // no room
-    const double alarm = logFalseAlarm(estimate, places);
-    if (alarm < -3 && enclosure(particles, estimate.centre, radius) < LeastEnclosure)
+    const Find find = judge(estimate);
+    if (find.alarm < -3 && enclosure(particles, estimate.centre, radius) < LeastEnclosure)
       notch = true;
     else
-      finds.emplace_back(alarm, estimate);
+      finds.push_back(find);
   }
   std::stable_sort(finds.begin(), finds.end(), better);
   if (!finds.empty()) {
@@ -308,29 +336,29 @@ CaptureResult captureSphere(const ParticleIndex& particles, SeedingDensity& seed
     int placed = 0;
     for (std::size_t f = 0; f < std::min<std::size_t>(finds.size(), 6) && placed < 3; ++f) {
       close.searchSide = 0.2 * radius;
-      finds[f].second = locateVoid(particles, seeding, finds[f].second.centre, close);
-      finds[f].first = logFalseAlarm(finds[f].second, places);
-      if (finds[f].first <= limit && !closedLikeASphere(particles, sphere.others, finds[f].second)) {
+      finds[f] = judge(locateVoid(particles, seeding, finds[f].estimate.centre, close));
+      if (finds[f].alarm <= limit && !closedLikeASphere(particles, sphere.others, finds[f].estimate)) {
         open = true;
-        finds[f].first = 0;
+        finds[f].alarm = 0;
         continue;
       }
       ++placed;
-      if (finds[f].first < 10 * limit) break; // beyond doubt
+      if (finds[f].alarm < 10 * limit) break; // beyond doubt
     }
     if (open && placed == 0)
       finds.resize(std::min<std::size_t>(finds.size(), 6)); // the rest was not looked at
     std::stable_sort(finds.begin(), finds.end(), better);
-    const VoidEstimate best = finds.front().second;
+    const VoidEstimate best = finds.front().estimate;
     result.diameter = best.diameter;
     result.diameterSigma = best.diameterSigma;
     result.centre = best.centre;
     result.particlesInside = best.particlesInside;
     result.expectedInside = best.expectedInside;
-    result.logFalseAlarm = finds.front().first;
+    result.logFalseAlarm = finds.front().alarm;
+    result.flowEvidence = finds.front().flow;
     for (const auto& other : finds)
-      if ((other.second.centre - best.centre).norm() > sphere.diameter) {
-        result.secondLogFalseAlarm = other.first;
+      if ((other.estimate.centre - best.centre).norm() > sphere.diameter) {
+        result.secondLogFalseAlarm = other.alarm;
         break;
       }
     result.found = result.logFalseAlarm <= limit;

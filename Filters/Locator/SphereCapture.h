@@ -9,6 +9,7 @@ namespace rimflow {
 struct CaptureOptions {
   double falseAlarm = 1e-5; ///< largest probability of a find in a volume without a sphere, 0 to 1
   int candidates = 16;      ///< of the coarse scan that are looked at closely, >= 1
+  int flowCandidates = 40;  ///< the same when the velocities are known: they find a sphere among many places
 };
 
 struct CaptureResult {
@@ -18,7 +19,9 @@ struct CaptureResult {
   double diameterSigma = 0;                         ///< of the fitted one, m
   std::size_t particlesInside = 0;                  ///< in the best ball
   double expectedInside = 0;                        ///< that it would hold without a sphere
-  double logFalseAlarm = 0;       ///< log of the probability of such a ball anywhere in the volume by chance
+  double logFalseAlarm = 0; ///< log of the probability of such a ball anywhere in the volume by chance,
+                            ///< less the flow's evidence
+  double flowEvidence = 0;  ///< log Bayes factor of a body against fluid, as it was counted; 0: not asked
   double secondLogFalseAlarm = 0; ///< the same of the best ball that does not overlap the first
   std::string reason;             ///< why nothing was found
 };
@@ -34,12 +37,26 @@ struct CaptureResult {
 ///    around it: a notch in the edge of the seeding is no sphere. The centre lies inside the seeded box;
 ///    outside nothing is expected, so nothing is missing.
 /// 4. A find has a sphere's shape (closedLikeASphere): a depleted stripe has not.
+/// 5. In thin seeding chance makes such voids. Where the void alone does not decide, and the velocities are
+///    known, the flow around a place is asked as well (FlowAroundSphere.h): its log Bayes factor is taken off
+///    the log false alarm, at most FlowShare of what a find needs, so that no flow makes a sphere without a
+///    void.
 /// The other spheres of `sphere.others` count as fluid in step 1, and no find overlaps them. Where several
 /// are sought, capture the largest first and hand each find on to the next search. seeding: of the same
-/// particles; changed (it excludes the ball last looked at).
+/// particles; changed (it excludes the ball last looked at). velocities: three per particle, m/s, or null.
 CaptureResult captureSphere(const ParticleIndex& particles, SeedingDensity& seeding,
                             const VoidLikelihoodOptions& sphere, const CaptureOptions& options = {},
-                            const Progress& progress = {});
+                            const Progress& progress = {}, const float* velocities = nullptr);
+
+/// What the flow around a place may take off its log false alarm, where the void alone does not decide: the
+/// log Bayes factor of a body against fluid (FlowAroundSphere.h), at most FlowShare of -limit. 0 where it is
+/// not needed (alarm <= limit), cannot help, or there are no velocities (null). limit: log of the false alarm
+/// that a find may have.
+double boundedFlowEvidence(const ParticleIndex& particles, const float* velocities, const VoidEstimate& place,
+                           double alarm, double limit);
+
+/// Share of a find that the flow may contribute.
+constexpr double FlowShare = 0.95;
 
 /// Whether a void is closed as a sphere's is. Each part next to the wall is asked whether it holds as many
 /// particles as the fluid or as few as the ball (log likelihood ratio of the Poisson counts, in nats):

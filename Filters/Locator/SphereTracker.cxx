@@ -21,11 +21,13 @@ struct Doubt {
 };
 
 /// Whether a void near a guess is a sphere: unlikely enough by chance, with tracers around it, and closed.
-bool isSphere(const VoidEstimate& v, const ParticleIndex& index, double searchVolume, const Doubt& doubt,
-              const VoidLikelihoodOptions& o) {
+bool isSphere(const VoidEstimate& v, const SnapshotParticles& particles, double searchVolume,
+              const Doubt& doubt, const VoidLikelihoodOptions& o) {
+  const ParticleIndex& index = particles.index;
   const double radius = 0.5 * v.diameter;
   const double places = independentPlaces(std::min(searchVolume, index.box().volume()), radius);
-  return logFalseAlarm(v, places) <= std::log(doubt.falseAlarm) &&
+  const double alarm = logFalseAlarm(v, places), limit = std::log(doubt.falseAlarm);
+  return alarm - boundedFlowEvidence(index, particles.velocities, v, alarm, limit) <= limit &&
          enclosure(index, v.centre, radius) >= doubt.enclosure && closedLikeASphere(index, o.others, v);
 }
 
@@ -227,7 +229,7 @@ LocatedSphere SphereTracker::search(const SnapshotParticles& particles, const st
     const bool published = options_.method == LocatorMethod::PublishedCost;
     const VoidEstimate v =
         published ? roughVoid(index, seeding, start, near) : locateVoid(index, seeding, start, near);
-    if (!isSphere(v, index, g.side * g.side * g.side, doubt, near)) return std::nullopt;
+    if (!isSphere(v, particles, g.side * g.side * g.side, doubt, near)) return std::nullopt;
     // Found far outside the cube: then it was not searched among the cube's places alone.
     if (g.side < side && (v.centre - start).cwiseAbs().maxCoeff() > 0.75 * g.side) return std::nullopt;
     LocatedSphere found =
@@ -245,12 +247,15 @@ LocatedSphere SphereTracker::search(const SnapshotParticles& particles, const st
     if (const auto found = at(*guess, follows ? expected : unexpected)) return *found;
   }
   if (!everywhere) return lost;
-  const CaptureResult capture = captureSphere(index, seeding, sphere, options_.capture, progress);
+  const CaptureResult capture =
+      captureSphere(index, seeding, sphere, options_.capture, progress, particles.velocities);
   if (!capture.found) {
     lost.text = capture.reason;
     return lost;
   }
-  if (const auto found = at({capture.centre, side}, unexpected)) return *found;
+  // Where the flow had to help, other voids are near.
+  const double near = capture.flowEvidence > 0 ? std::min(side, 0.4 * sphere.diameter) : side;
+  if (const auto found = at({capture.centre, near}, unexpected)) return *found;
   lost.text = "a void was captured, but it is no sphere of this diameter when looked at closely";
   return lost;
 }
