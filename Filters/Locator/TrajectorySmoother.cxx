@@ -1,5 +1,6 @@
 #include "TrajectorySmoother.h"
 
+#include "FlowAroundSphere.h"
 #include "PathPosterior.h"
 
 #include <Eigen/Cholesky>
@@ -327,16 +328,51 @@ void check(const std::vector<CentreEstimate>& estimates) {
   }
 }
 
+/// What the flow around the sphere knows in a window, seen from the smoothed path `reference` (one point per
+/// view).
+FlowFit flowAlong(const std::vector<CentreEstimate>& views, const std::vector<SmoothedCentre>& reference,
+                  double radius) {
+  std::vector<FlowView> flow;
+  for (std::size_t k = 0; k < views.size(); ++k) {
+    const Eigen::Vector3f moved = (views[k].centre - reference[k].centre).cast<float>();
+    FlowView view{views[k].time, reference[k].velocity, {}};
+    for (const WallParticle& p : views[k].wall->particles)
+      if (p.velocity.allFinite()) {
+        view.particles.push_back(p);
+        view.particles.back().offset += moved;
+      }
+    flow.push_back(std::move(view));
+  }
+  FlowFitOptions options;
+  options.radius = radius;
+  return fitFlow(flow, options);
+}
+
+/// The fit as an estimate of the motion at the view nearest to its time.
+MotionEstimate motionFrom(const FlowFit& fit, const std::vector<CentreEstimate>& views,
+                          const std::vector<SmoothedCentre>& reference) {
+  std::size_t k = 0;
+  for (std::size_t i = 1; i < views.size(); ++i)
+    if (std::abs(views[i].time - fit.time) < std::abs(views[k].time - fit.time)) k = i;
+  const double dt = views[k].time - fit.time;
+  Eigen::Matrix<double, 6, 6> shift = Eigen::Matrix<double, 6, 6>::Identity();
+  shift.topRightCorner<3, 3>() = dt * Eigen::Matrix3d::Identity();
+  return {views[k].time, reference[k].centre + fit.centre + dt * fit.velocity,
+          reference[k].velocity + fit.velocity, shift * fit.covariance * shift.transpose()};
+}
+
 /// The joint estimate of the snapshots that were found, in windows; `points` in the order of
 /// smoother.sorted().
 void refine(const Smoother& smoother, const Parameters& p, const SmootherOptions& options,
             std::vector<SmoothedCentre>& points, SmoothedTrajectory& result) {
   std::vector<CentreEstimate> views;
+  std::vector<SmoothedCentre> reference; // the points of the views
   std::vector<double> noises;
   for (std::size_t k = 0; k < points.size(); ++k) {
     const CentreEstimate& e = smoother.sorted()[k];
     if (!smoother.used()[k] || !e.wall || (!views.empty() && e.time <= views.back().time)) continue;
     views.push_back(e);
+    reference.push_back(points[k]);
     noises.push_back(e.wall->positionNoise);
   }
   if (views.size() < LeastSnapshots) return;
@@ -378,20 +414,25 @@ void refine(const Smoother& smoother, const Parameters& p, const SmootherOptions
   }
 #pragma omp parallel for schedule(dynamic)
   for (std::size_t w = 0; w < starts.size(); ++w) {
-    const std::vector<CentreEstimate> window(views.begin() + std::ptrdiff_t(starts[w]),
-                                             views.begin() + std::ptrdiff_t(starts[w] + length));
+    const auto begin = std::ptrdiff_t(starts[w]), end = std::ptrdiff_t(starts[w] + length);
+    const std::vector<CentreEstimate> window(views.begin() + begin, views.begin() + end);
+    const std::vector<SmoothedCentre> smoothed(reference.begin() + begin, reference.begin() + end);
+    const FlowFit flow = flowAlong(window, smoothed, options.radius);
+    PathOptions own = path;
+    if (flow.enough) own.motion.push_back(motionFrom(flow, window, smoothed));
     std::vector<double> times;
     for (const std::size_t k : mine[w]) times.push_back(smoother.sorted()[k].time);
-    const PathPosterior posterior = samplePath(window, times, path);
+    const PathPosterior posterior = samplePath(window, times, own);
     for (std::size_t i = 0; i < mine[w].size(); ++i) {
       const PathPoint& q = posterior.points[i];
-      points[mine[w][i]] = {points[mine[w][i]].status,
-                            q.centre,
-                            q.velocity,
-                            q.acceleration,
-                            q.centreCovariance,
-                            q.velocityCovariance,
-                            q.accelerationCovariance};
+      SmoothedCentre& point = points[mine[w][i]];
+      point.centre = q.centre, point.velocity = q.velocity, point.acceleration = q.acceleration;
+      point.centreCovariance = q.centreCovariance;
+      point.velocityCovariance = q.velocityCovariance;
+      point.accelerationCovariance = q.accelerationCovariance;
+      if (!flow.enough) continue;
+      point.angularVelocity = flow.angularVelocity;
+      point.angularVelocitySigma = flow.angularVelocityCovariance.diagonal().cwiseSqrt();
     }
   }
   for (const auto& of : mine) result.joint += int(of.size());
@@ -412,7 +453,7 @@ SmoothedTrajectory smoothTrajectory(const std::vector<CentreEstimate>& estimates
   SmoothedTrajectory result;
   const Eigen::Vector3d nan = Eigen::Vector3d::Constant(std::numeric_limits<double>::quiet_NaN());
   const Eigen::Matrix3d nans = Eigen::Matrix3d::Constant(std::numeric_limits<double>::quiet_NaN());
-  result.points.assign(estimates.size(), {CentreStatus::Lost, nan, nan, nan, nans, nans, nans});
+  result.points.assign(estimates.size(), {CentreStatus::Lost, nan, nan, nan, nans, nans, nans, nan, nan});
   if (estimates.empty()) return result;
   Smoother smoother(estimates, options);
   if (smoother.count() == 0) return result;
@@ -447,7 +488,8 @@ SmoothedTrajectory smoothTrajectory(const std::vector<CentreEstimate>& estimates
     points.push_back({used[k] ? CentreStatus::Found : CentreStatus::Predicted, g.mean.segment<3>(Centre),
                       g.mean.segment<3>(Velocity), g.mean.segment<3>(Acceleration),
                       g.covariance.block<3, 3>(Centre, Centre), g.covariance.block<3, 3>(Velocity, Velocity),
-                      g.covariance.block<3, 3>(Acceleration, Acceleration)});
+                      g.covariance.block<3, 3>(Acceleration, Acceleration), Eigen::Vector3d::Zero(),
+                      Eigen::Vector3d::Constant(-1)});
   }
   if (options.radius > 0) refine(smoother, p, options, points, result);
   for (std::size_t k = 0; k < order.size(); ++k)

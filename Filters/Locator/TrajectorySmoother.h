@@ -28,6 +28,9 @@ struct SmoothedCentre {
       CentreStatus::Lost; ///< Predicted: bridged from the neighbours; Lost: no find is near enough
   Eigen::Vector3d centre, velocity, acceleration; ///< m, m/s, m/s2; NaN when lost
   Eigen::Matrix3d centreCovariance, velocityCovariance, accelerationCovariance;
+  Eigen::Vector3d angularVelocity = Eigen::Vector3d::Zero(); ///< rad/s, from the flow around the sphere
+  /// Of it per component, rad/s; -1: not known.
+  Eigen::Vector3d angularVelocitySigma = Eigen::Vector3d::Constant(-1);
 };
 
 struct SmoothedTrajectory {
@@ -55,8 +58,10 @@ struct SmoothedTrajectory {
 ///
 /// With a radius, and walls in the estimates, this path and its q only start the joint posterior
 /// (PathPosterior.h) of windows of up to 48 snapshots that overlap by half; each point comes from the window
-/// in whose middle it lies. Where the motion is too abrupt for that (fewer than four snapshots per window),
-/// and before the first and after the last find, the smoother's result stays.
+/// in whose middle it lies. Where the tracers have velocities, the flow around the sphere
+/// (FlowAroundSphere.h) adds what it knows of a window's path, and the rotation rate. Where the motion is too
+/// abrupt for that (fewer than four snapshots per window), and before the first and after the last find, the
+/// smoother's result stays.
 SmoothedTrajectory smoothTrajectory(const std::vector<CentreEstimate>& estimates,
                                     const SmootherOptions& options = {});
 

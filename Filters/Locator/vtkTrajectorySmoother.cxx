@@ -118,6 +118,8 @@ void fill(vtkPolyData* input, const rimflow::SmoothedTrajectory& t, vtkPolyData*
   add(output, "SigmaTensor", 9, t.points, [](const P& p) { return root(p.centreCovariance); });
   add(output, "VelocitySigma", 3, t.points, [](const P& p) { return sigma(p.velocityCovariance); });
   add(output, "AccelerationSigma", 3, t.points, [](const P& p) { return sigma(p.accelerationCovariance); });
+  add(output, "AngularVelocity", 3, t.points, [](const P& p) { return p.angularVelocity; });
+  add(output, "AngularVelocitySigma", 3, t.points, [](const P& p) { return p.angularVelocitySigma; });
   vtkNew<vtkIntArray> status;
   status->SetName("Status");
   for (const P& p : t.points) status->InsertNextValue(int(p.status));

@@ -7,10 +7,11 @@
  * found, anything else: not found, its numbers are not used). Output: a polyline in the order of time through
  * all points that are not lost, with the input's arrays and `Centre`, `Velocity`, `Acceleration` (3),
  * `Covariance`, `VelocityCovariance`, `AccelerationCovariance` (6), `Sigma`, `SigmaTensor` (9),
- * `VelocitySigma`, `AccelerationSigma` (3), `Status` (0 found, 1 predicted from the neighbours, 2 lost) and
- * `RawCentre` (3), the input's Centre; all double but Status. Lost is what no find is near enough to for a
- * prediction (LargestPredictionSigma), and everything when nothing was found; the numbers of a lost point are
- * not numbers. Field data: `JerkIntensity` (m2/s5), `CorrelatedFraction`, `CorrelationTime` (s),
+ * `VelocitySigma`, `AccelerationSigma` (3), `AngularVelocity` and `AngularVelocitySigma` (3, rad/s; velocity
+ * 0 and sigma -1: not known), `Status` (0 found, 1 predicted from the neighbours, 2 lost) and `RawCentre`
+ * (3), the input's Centre; all double but Status. Lost is what no find is near enough to for a prediction
+ * (LargestPredictionSigma), and everything when nothing was found; the numbers of a lost point are not
+ * numbers. Field data: `JerkIntensity` (m2/s5), `CorrelatedFraction`, `CorrelationTime` (s),
  * `CovarianceInflation`, `Rejected`, `AccelerationPrior` (m/s2), `PositionNoise` (m), `JointPoints`.
  *
  * Optional input 1, `Walls` (any number): the locator's output Wall of each snapshot. With them, and with the
