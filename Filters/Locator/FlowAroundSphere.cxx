@@ -59,8 +59,9 @@ constexpr double FewTracks = 60;     // do not determine the scales of flow and 
 constexpr double LeastSigma = 0.001; // of any component of the answer, R, U or U/R
 constexpr int Bands = 4;             // of the distance from the wall, each with its noise
 
-/// Where the unknowns stand; lengths over R, velocities over U.
-enum Unknown { Centre = 0, Velocity = 3, Rotation = 6, Flow = 9 };
+/// Where the unknowns stand; lengths over R, velocities over U, accelerations over U per half of the time
+/// span.
+enum Unknown { Centre = 0, Velocity = 3, Acceleration = 6, Rotation = 9, Flow = 12 };
 constexpr int Unknowns = Flow + Layers * FitHarmonics::Size;
 
 /// The mean over a short piece of a track.
@@ -134,6 +135,8 @@ public:
     drift_ = tracks.speed * tracks.halfSpan / o.radius;
     centreVariance_ = std::pow(o.centrePrior > 0 ? o.centrePrior / o.radius : 0.2, 2);
     velocityVariance_ = std::pow(o.velocityPrior > 0 ? o.velocityPrior / tracks.speed : 1, 2);
+    accelerationVariance_ =
+        std::max(1e-12, std::pow(o.accelerationPrior * tracks.halfSpan / tracks.speed, 2));
     noise_.fill(0.01);
     amplitude_.fill(4);
   }
@@ -144,7 +147,7 @@ public:
   const MatrixXd& covariance() const { return covariance_; }
   double noise() const { return std::sqrt(noise_[0]); }
 
-  /// Gauss-Newton for the centre; in between the variances, and all that is linear. start: the first nine.
+  /// Gauss-Newton for the centre; in between the variances, and all that is linear. start: the first twelve.
   void solve(const VectorXd& start, int rounds) {
     state_.head<Flow>() = start;
     for (int round = 0; round <= rounds; ++round) {
@@ -162,7 +165,8 @@ public:
 private:
   using Modes = Eigen::Matrix<double, 3, Layers * FitHarmonics::Size>;
   Vector3d offset(const Sample& s) const {
-    return s.offset - state_.segment<3>(Centre) - drift_ * s.time * state_.segment<3>(Velocity);
+    return s.offset - state_.segment<3>(Centre) -
+           drift_ * s.time * (state_.segment<3>(Velocity) + 0.5 * s.time * state_.segment<3>(Acceleration));
   }
   Modes modes(const Vector3d& r) const {
     Modes m;
@@ -179,7 +183,8 @@ private:
     return g - crossWith(state_.segment<3>(Rotation)).transpose();
   }
 
-  /// velocity = V + omega x r + flow(r), r = offset - centre - V time, about the present state: y = X state.
+  /// velocity = V + A time + omega x r + flow(r), r = offset - centre - V time - A time^2/2, about the
+  /// present state: y = X state.
   void linearise(bool robust) {
     std::array<std::vector<std::size_t>, Bands> members;
     for (std::size_t i = 0; i < samples_.size(); ++i)
@@ -196,10 +201,12 @@ private:
         rows.rightCols<Unknowns - Flow>() = modes(r);
         rows.middleCols<3>(Rotation) = crossWith(r);
         rows.middleCols<3>(Velocity) = Matrix3d::Identity();
+        rows.middleCols<3>(Acceleration) = s.time * Matrix3d::Identity();
         rows.middleCols<3>(Centre).setZero();
         const Vector3d residual = s.velocity - rows * state_;
         rows.middleCols<3>(Centre) = -g;
         rows.middleCols<3>(Velocity) -= drift_ * s.time * g;
+        rows.middleCols<3>(Acceleration) -= 0.5 * drift_ * s.time * s.time * g;
         // Student's t with 4 degrees of freedom: ghosts count little.
         const double w = s.share * (robust ? 7 / (4 + residual.squaredNorm() / noise_[b]) : 1);
         y.segment<3>(3 * j) = std::sqrt(w) * (residual + rows * state_);
@@ -223,6 +230,7 @@ private:
     for (int i = 0; i < N; ++i) rule[i] = std::pow(degrees[i], -4);
     precision.segment<3>(Centre).setConstant(1 / centreVariance_);
     precision.segment<3>(Velocity).setConstant(1 / velocityVariance_);
+    precision.segment<3>(Acceleration).setConstant(1 / accelerationVariance_);
     precision.segment<3>(Rotation).setConstant(1 / 0.09);
     for (int k = 0; k < Layers; ++k)
       precision.segment<N>(Flow + k * N) = (amplitude_[k] * rule).cwiseInverse();
@@ -245,7 +253,7 @@ private:
     for (int k = 0; k < Layers; ++k)
       amplitude_[k] = power.segment<N>(Flow + k * N).cwiseQuotient(rule).mean();
   }
-  double reach_, drift_, centreVariance_, velocityVariance_;
+  double reach_, drift_, centreVariance_, velocityVariance_, accelerationVariance_;
   int count_ = 0;
   std::array<double, Layers> layers_, amplitude_;
   std::vector<Sample> samples_;
@@ -378,10 +386,12 @@ FlowFit fitFlow(const std::vector<FlowView>& views, const FlowFitOptions& option
   f.enough = true;
   f.centre = options.radius * best.segment<3>(Centre);
   f.velocity = tracks.speed * best.segment<3>(Velocity);
+  f.acceleration = tracks.speed / tracks.halfSpan * best.segment<3>(Acceleration);
   f.angularVelocity = tracks.speed / options.radius * best.segment<3>(Rotation);
-  Eigen::Matrix<double, 6, 1> unit;
-  unit << Vector3d::Constant(options.radius), Vector3d::Constant(tracks.speed);
-  f.covariance = unit.asDiagonal() * covariance.topLeftCorner<6, 6>() * unit.asDiagonal();
+  Eigen::Matrix<double, 9, 1> unit;
+  unit << Vector3d::Constant(options.radius), Vector3d::Constant(tracks.speed),
+      Vector3d::Constant(tracks.speed / tracks.halfSpan);
+  f.covariance = unit.asDiagonal() * covariance.topLeftCorner<9, 9>() * unit.asDiagonal();
   f.angularVelocityCovariance =
       std::pow(tracks.speed / options.radius, 2) * covariance.block<3, 3>(Rotation, Rotation);
   f.noise = tracks.speed * fit.noise();

@@ -14,30 +14,34 @@ struct FlowView {
 };
 
 struct FlowFitOptions {
-  double radius = 0;        ///< R of the sphere, m, > 0
-  double reach = 0.4;       ///< tracers up to this distance from the wall are used, R, 0.1 to 2
-  double centrePrior = 0;   ///< standard deviation of the reference path per component, m; 0: 0.2 R
-  double velocityPrior = 0; ///< of its velocity, m/s; 0: the tracers' rms speed relative to it
-  int minimumTracks = 20;   ///< fewer: not enough
+  double radius = 0;            ///< R of the sphere, m, > 0
+  double reach = 0.4;           ///< tracers up to this distance from the wall are used, R, 0.1 to 2
+  double centrePrior = 0;       ///< standard deviation of the reference path per component, m; 0: 0.2 R
+  double velocityPrior = 0;     ///< of its velocity, m/s; 0: the tracers' rms speed relative to it
+  double accelerationPrior = 0; ///< of its acceleration, m/s2; 0: the reference path has the right one
+  int minimumTracks = 20;       ///< fewer: not enough
   int samples = 800; ///< at most so many velocities, tracks as a whole; a track's are averaged over 0.15 R
 };
 
-/// What the velocities around the sphere say of its motion. True path: reference + centre + velocity (t -
-/// time).
+/// What the velocities around the sphere say of its motion. True path, with dt = t - time:
+/// reference + centre + velocity dt + acceleration dt^2/2.
 struct FlowFit {
   bool enough = false; ///< false: too few tracks, nothing below counts but their number
   double time = 0;     ///< middle of the views, s
-  Eigen::Vector3d centre = Eigen::Vector3d::Zero();                             ///< m
-  Eigen::Vector3d velocity = Eigen::Vector3d::Zero();                           ///< m/s
-  Eigen::Vector3d angularVelocity = Eigen::Vector3d::Zero();                    ///< rad/s
-  Eigen::Matrix<double, 6, 6> covariance = Eigen::Matrix<double, 6, 6>::Zero(); ///< of (centre, velocity), SI
-  Eigen::Matrix3d angularVelocityCovariance = Eigen::Matrix3d::Zero();          ///< rad2/s2
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();          ///< m
+  Eigen::Vector3d velocity = Eigen::Vector3d::Zero();        ///< m/s
+  Eigen::Vector3d acceleration = Eigen::Vector3d::Zero();    ///< m/s2
+  Eigen::Vector3d angularVelocity = Eigen::Vector3d::Zero(); ///< rad/s
+  /// Of (centre, velocity, acceleration), SI.
+  Eigen::Matrix<double, 9, 9> covariance = Eigen::Matrix<double, 9, 9>::Zero();
+  Eigen::Matrix3d angularVelocityCovariance = Eigen::Matrix3d::Zero(); ///< rad2/s2
   int tracks = 0, samples = 0;
   double noise = 0; ///< what the fit leaves of a velocity component next to the wall, m/s
 };
 
 /// The sphere's path, velocity and rotation from the velocities around it, over one or several snapshots:
-///     u = V + omega x r + w(r),   r = x - c(t),   c(t) = reference + centre + velocity (t - time).
+///     u = V(t) + omega x r + w(r),   r = x - c(t),   V = dc/dt,
+///     c(t) = reference + centre + velocity dt + acceleration dt^2/2,   dt = t - time.
 /// w is divergence-free and vanishes on the wall: vector harmonics up to degree 4, each times three boundary
 /// layers d (1 - exp(-s/d)), d = 0.1, 0.3 and 1 R; taken to be steady meanwhile. So V is the no-slip velocity
 /// and the path's drift at once, and the centre is where the flow comes to rest on a sphere.

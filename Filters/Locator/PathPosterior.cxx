@@ -400,14 +400,13 @@ private:
     addRow(splines_.at(middle), 1,
            0.5 * (snapshots_.back().centre + snapshots_.front().centre)); // within a metre
     for (const MotionEstimate& e : options_.motion) {
-      MatrixXd rows = MatrixXd::Zero(6, 3 * m_);
-      Eigen::Matrix<double, 6, 1> value;
-      value << e.centre, e.velocity;
-      for (int a = 0; a < 3; ++a) {
-        rows.row(a).segment(a * m_, m_) = splines_.at(e.time).transpose();
-        rows.row(3 + a).segment(a * m_, m_) = splines_.at(e.time, 1).transpose();
-      }
-      const MatrixXd weighted = e.covariance.inverse() * rows;
+      MatrixXd rows = MatrixXd::Zero(9, 3 * m_);
+      Eigen::Matrix<double, 9, 1> value;
+      value << e.centre, e.velocity, e.acceleration;
+      for (int a = 0; a < 3; ++a)
+        for (int derivative = 0; derivative < 3; ++derivative)
+          rows.row(3 * derivative + a).segment(a * m_, m_) = splines_.at(e.time, derivative).transpose();
+      const MatrixXd weighted = e.covariance.llt().solve(rows);
       precision_ += rows.transpose() * weighted;
       pull += weighted.transpose() * value;
     }

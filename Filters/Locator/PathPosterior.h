@@ -3,12 +3,15 @@
 
 namespace rimflow {
 
-/// Centre and velocity of a body at one time, from another source than the void (the flow around it, say).
+/// Centre, velocity and acceleration of a body at one time, from another source than the void (the flow
+/// around it, say).
 struct MotionEstimate {
-  double time = 0;                                                                  ///< s
-  Eigen::Vector3d centre = Eigen::Vector3d::Zero();                                 ///< m
-  Eigen::Vector3d velocity = Eigen::Vector3d::Zero();                               ///< m/s
-  Eigen::Matrix<double, 6, 6> covariance = Eigen::Matrix<double, 6, 6>::Identity(); ///< centre, then velocity
+  double time = 0;                                        ///< s
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();       ///< m
+  Eigen::Vector3d velocity = Eigen::Vector3d::Zero();     ///< m/s
+  Eigen::Vector3d acceleration = Eigen::Vector3d::Zero(); ///< m/s2
+  /// Of (centre, velocity, acceleration), positive definite.
+  Eigen::Matrix<double, 9, 9> covariance = Eigen::Matrix<double, 9, 9>::Identity();
 };
 
 struct PathOptions {

@@ -5,7 +5,8 @@ namespace rimflow {
 
 /// Prior knowledge of the motion. The defaults suit spheres that rise or sink in a liquid.
 struct SmootherOptions {
-  double jerkIntensity = -1;      ///< spectral density q of the jerk, m2/s5; < 0: the most likely one
+  double jerkIntensity =
+      -1; ///< spectral density q of the jerk, m2/s5; < 0: the least that the record does not speak against
   double correlatedFraction = -1; ///< part of the single-snapshot variance that is correlated in time, 0 to
                                   ///< 0.95; < 0: the most likely one
   double correlationTime = 0;     ///< T of that part, s; 0: the most likely one
@@ -53,8 +54,9 @@ struct SmoothedTrajectory {
 /// correlated in time, and an average over n of them is not sqrt(n) times better. Each estimate is therefore
 ///     z = centre + b + white,   cov(white) = s (1 - f) C_k,   cov(b) = s f <C>,   b correlated over the time
 ///     T (Ornstein-Uhlenbeck),
-/// and b is estimated along. q, f and T maximise the likelihood of the innovations; s is their mean
-/// chi-squared, never below 1. The order of the estimates is free; two of the same time are both used.
+/// and b is estimated along. f and T maximise the likelihood of the innovations with q; q is then the
+/// smallest within 6 of the lowest deviance; s is their mean chi-squared, never below 1. The order of the
+/// estimates is free; two of the same time are both used.
 ///
 /// With a radius, and walls in the estimates, this path and its q only start the joint posterior
 /// (PathPosterior.h) of windows of up to 48 snapshots that overlap by half; each point comes from the window

@@ -146,7 +146,7 @@ TEST(PathPosterior, WhatElseIsKnownOfTheMotionCounts) {
   MotionEstimate motion;
   motion.time = Step * 0.5 * (scene.snapshots - 1);
   motion.velocity = Velocity;
-  motion.covariance = 1e-12 * Eigen::Matrix<double, 6, 6>::Identity(); // 1 um, 1 um/s
+  motion.covariance.topLeftCorner<6, 6>() *= 1e-12; // 1 um, 1 um/s; 1 m/s2
   options.motion = {motion};
   const PathPosterior p = samplePath(estimates, {motion.time}, options);
   EXPECT_LT(p.points[0].centre.norm(), 4e-6);
