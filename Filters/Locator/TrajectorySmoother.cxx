@@ -273,10 +273,10 @@ double freestAcceleration(Smoother& smoother, Parameters p) {
   return Sigmas[k];
 }
 
-/// The smallest jerk intensity that the record does not speak against (by 2.4 standard deviations): in thin
-/// seeding the wandering of single estimates is soon taken for motion.
+/// The smallest jerk intensity that the record does not speak against (by 4.5 standard deviations): single
+/// estimates have long tails, and in thin seeding their wandering is soon taken for motion.
 double leastJerk(Smoother& smoother, Parameters p, double lowestDeviance) {
-  constexpr double Doubt = 6;
+  constexpr double Doubt = 20;
   double least = p.jerkIntensity;
   while (least > 1e-7) {
     p.jerkIntensity = 0.1 * least;

@@ -225,7 +225,8 @@ def smooth(times, centres, covariances, status, diameter, walls=()):
     errors.check()
     output = smoother.GetOutput().GetPointData()
     return {name: vtk_to_numpy(output.GetArray(name)).copy()
-            for name in ("Centre", "Velocity", "Acceleration", "Covariance", "VelocitySigma", "Status")}
+            for name in ("Centre", "Velocity", "Acceleration", "Covariance", "VelocitySigma", "AngularVelocity",
+                         "AngularVelocitySigma", "Status")}
 
 
 def body(trajectory, row):
@@ -268,7 +269,7 @@ def polyline(trajectory):
     data.SetLines(lines)
     for name, values in (("Time", trajectory.time), ("Snapshot", trajectory.snapshot), ("Velocity", trajectory.velocity),
                          ("Acceleration", trajectory.acceleration), ("Covariance", trajectory.covariance),
-                         ("Status", trajectory.status.astype(np.int32)), ("RawCentre", trajectory.raw)):
+                         ("AngularVelocity", trajectory.rotation), ("AngularVelocitySigma", trajectory.rotation_sigma), ("Status", trajectory.status.astype(np.int32)), ("RawCentre", trajectory.raw)):
         add_array(data.GetPointData(), name, values[known])
     return data
 

@@ -25,7 +25,8 @@ FOUND, PREDICTED, LOST = 0, 1, 2
 
 TRAJECTORY_COLUMNS = (
     "snapshot,time_s,x_m,y_m,z_m,u_m_s,v_m_s,w_m_s,ax_m_s2,ay_m_s2,az_m_s2,cov_xx_m2,cov_yy_m2,cov_zz_m2,cov_xy_m2,cov_yz_m2,cov_xz_m2,"
-    "status,particles_inside,cost,raw_x_m,raw_y_m,raw_z_m").split(",")
+    "status,particles_inside,cost,raw_x_m,raw_y_m,raw_z_m,omega_x_rad_s,omega_y_rad_s,omega_z_rad_s,"
+    "sigma_omega_x_rad_s,sigma_omega_y_rad_s,sigma_omega_z_rad_s").split(",")
 
 
 @dataclass
@@ -40,6 +41,8 @@ class Trajectory:
     acceleration: np.ndarray    # (n, 3)
     covariance: np.ndarray      # (n, 6): xx yy zz xy yz xz, of the smoothed centre
     velocity_sigma: np.ndarray  # (n, 3)
+    rotation: np.ndarray        # (n, 3), angular velocity, rad/s
+    rotation_sigma: np.ndarray  # (n, 3); -1: the rotation is not known
     raw: np.ndarray             # (n, 3), the single-snapshot estimate
     raw_sigma: np.ndarray       # (n, 3)
     particles_inside: np.ndarray
@@ -281,7 +284,8 @@ def assembled(records, diameter, smoothed):
     return Trajectory(
         diameter=diameter, snapshot=np.array([r["snapshot"] for r in records]), time=np.array([r["time_s"] for r in records], float),
         status=smoothed["Status"], centre=smoothed["Centre"], velocity=smoothed["Velocity"], acceleration=smoothed["Acceleration"],
-        covariance=smoothed["Covariance"], velocity_sigma=smoothed["VelocitySigma"], raw=raw, raw_sigma=np.sqrt(raw_covariance[:, :3]),
+        covariance=smoothed["Covariance"], velocity_sigma=smoothed["VelocitySigma"],
+        rotation=smoothed["AngularVelocity"], rotation_sigma=smoothed["AngularVelocitySigma"], raw=raw, raw_sigma=np.sqrt(raw_covariance[:, :3]),
         particles_inside=np.array([r.get("particles_inside", -1) for r in records]),
         cost=np.array([r.get("cost", np.nan) for r in records], float))
 
@@ -290,7 +294,7 @@ def trajectory_rows(t):
     for i in range(len(t.time)):
         numbers = [*t.centre[i], *t.velocity[i], *t.acceleration[i], *t.covariance[i]]
         yield [int(t.snapshot[i]), repr(float(t.time[i])), *(f"{v:.10g}" for v in numbers), int(t.status[i]), int(t.particles_inside[i]),
-               f"{t.cost[i]:.10g}", *(f"{v:.10g}" for v in t.raw[i])]
+               f"{t.cost[i]:.10g}", *(f"{v:.10g}" for v in (*t.raw[i], *t.rotation[i], *t.rotation_sigma[i]))]
 
 
 if __name__ == "__main__":

@@ -125,7 +125,7 @@ Score score(int cases, const MakeFlow& make, const Seeding& seeding, double cent
     score.velocity += dV.squaredNorm() / cases;
     score.rotation += dW.squaredNorm() / cases;
     score.centreChiSquared += chiSquared(dC, m.covariance.topLeftCorner<3, 3>()) / cases;
-    score.velocityChiSquared += chiSquared(dV, m.covariance.bottomRightCorner<3, 3>()) / cases;
+    score.velocityChiSquared += chiSquared(dV, m.covariance.block<3, 3>(3, 3)) / cases;
     score.rotationChiSquared += chiSquared(dW, m.angularVelocityCovariance) / cases;
   }
   return score;
