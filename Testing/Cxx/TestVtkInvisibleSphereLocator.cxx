@@ -180,6 +180,107 @@ TEST(VtkInvisibleSphereLocator, AllTimesInOneUpdate) {
   EXPECT_EQ(s.output(1)->GetPointData()->GetArray("Time")->GetTuple1(0), s.time(9));
 }
 
+TEST(VtkInvisibleSphereLocator, AllTimesTogetherAreTruerAndTellTheRotation) {
+  Scene s;
+  s.tracks->SetDropOut(0.1);
+  s.tracks->SetVelocityNoise(2e-3);
+  s.tracks->SetAngularVelocity(0, 0, 20);
+  s.locator->ProcessAllTimesOn();
+  const auto velocityError = [&s] { // mean, of the sphere's speed
+    double sum = 0, v[3];
+    for (int k = 0; k < 12; ++k) {
+      s.output(2)->GetPointData()->GetArray("Velocity")->GetTuple(k, v);
+      sum += std::hypot(v[0], v[1] - 0.35, v[2]) / 0.35 / 12;
+    }
+    return sum;
+  };
+  const auto field = [&s](const char* name) {
+    return s.output(2)->GetFieldData()->GetArray(name)->GetTuple1(0);
+  };
+  s.at(4);
+  EXPECT_EQ(field("JointPoints"), 12);
+  EXPECT_NEAR(field("PositionNoise"), 5e-6, 1.5e-6);
+  const double jointly = velocityError();
+  EXPECT_LT(jointly, 0.005);
+  double omega[3], sigma[3];
+  s.output(2)->GetPointData()->GetArray("AngularVelocity")->GetTuple(6, omega);
+  s.output(2)->GetPointData()->GetArray("AngularVelocitySigma")->GetTuple(6, sigma);
+  EXPECT_NEAR(omega[2], 20, 4 * sigma[2]);
+  EXPECT_GT(sigma[2], 0);
+  EXPECT_LT(sigma[2], 5);
+
+  s.locator->JointTrajectoryOff();
+  s.at(4);
+  EXPECT_EQ(field("JointPoints"), 0);
+  EXPECT_GT(velocityError(), jointly);
+  EXPECT_EQ(s.output(2)->GetPointData()->GetArray("AngularVelocitySigma")->GetComponent(6, 0), -1);
+}
+
+TEST(VtkInvisibleSphereLocator, TheWallIsTheTracersNextToIt) {
+  Scene s;
+  s.at(3);
+  vtkPolyData* wall = s.output(3);
+  ASSERT_GT(wall->GetNumberOfPoints(), 100);
+  double x[3], centre[3], range[2];
+  wall->GetFieldData()->GetArray("Centre")->GetTuple(0, centre);
+  wall->GetPoint(17, x);
+  EXPECT_NEAR(wall->GetPointData()->GetArray("Distance")->GetTuple1(17),
+              std::sqrt(vtkMath::Distance2BetweenPoints(x, centre)) - 0.5 * Diameter, 1e-8);
+  wall->GetPointData()->GetArray("Distance")->GetRange(range);
+  EXPECT_GT(range[0], -wall->GetFieldData()->GetArray("Reach")->GetTuple1(0));
+  EXPECT_NE(wall->GetPointData()->GetArray("TrackId"), nullptr);
+}
+
+TEST(VtkInvisibleSphereLocator, ADiameterThatIsWrongIsFitted) {
+  Scene s;
+  s.locator->SetDiameter(1.05 * Diameter);
+  s.locator->SetDiameterSigma(0.1 * Diameter);
+  vtkPointData* data = s.at(5)->GetPointData();
+  const double sigma = data->GetArray("DiameterSigma")->GetTuple1(0);
+  EXPECT_NEAR(data->GetArray("Diameter")->GetTuple1(0), Diameter, 4 * sigma);
+  EXPECT_GT(sigma, 0);
+  EXPECT_LT(sigma, 0.01 * Diameter);
+}
+
+TEST(VtkInvisibleSphereLocator, SeveralSpheresOnEveryPort) {
+  // Tracers at rest around two spheres, in no order.
+  const double at[2][3] = {{-0.009, 0.002, 0}, {0.008, -0.004, 0.001}}, diameters[2] = {0.00953, 0.00793};
+  vtkNew<vtkPoints> points;
+  for (int i = 0; i < 9000; ++i) {
+    const double x[3] = {0.036 * std::fmod(0.8191725134 * i, 1) - 0.018,
+                         0.03 * std::fmod(0.6710436067 * i, 1) - 0.015,
+                         0.025 * std::fmod(0.5497004779 * i, 1) - 0.0125};
+    bool fluid = true;
+    for (int k = 0; k < 2; ++k)
+      fluid = fluid && vtkMath::Distance2BetweenPoints(x, at[k]) > 0.25 * diameters[k] * diameters[k];
+    if (fluid) points->InsertNextPoint(x);
+  }
+  vtkNew<vtkPolyData> tracers;
+  tracers->SetPoints(points);
+  vtkNew<vtkInvisibleSphereLocator> locator;
+  locator->SetInputData(tracers);
+  locator->SetDiameter(diameters[0]);
+  locator->AddOtherDiameter(diameters[1]);
+  locator->Update();
+  vtkPolyData* centres = vtkPolyData::SafeDownCast(locator->GetOutputDataObject(1));
+  ASSERT_EQ(centres->GetNumberOfPoints(), 2);
+  for (int k = 0; k < 2; ++k) {
+    EXPECT_EQ(centres->GetPointData()->GetArray("SphereId")->GetTuple1(k), k);
+    EXPECT_EQ(centres->GetPointData()->GetArray("Diameter")->GetTuple1(k), diameters[k]);
+    double x[3];
+    centres->GetPoint(k, x);
+    EXPECT_LT(std::sqrt(vtkMath::Distance2BetweenPoints(x, at[k])), 0.03 * diameters[k]);
+  }
+  vtkPolyData* surface = vtkPolyData::SafeDownCast(locator->GetOutputDataObject(0));
+  double ids[2];
+  surface->GetPointData()->GetArray("SphereId")->GetRange(ids);
+  EXPECT_EQ(ids[0], 0);
+  EXPECT_EQ(ids[1], 1);
+  locator->ClearOtherDiameters();
+  locator->Update();
+  EXPECT_EQ(vtkPolyData::SafeDownCast(locator->GetOutputDataObject(1))->GetNumberOfPoints(), 1);
+}
+
 TEST(VtkInvisibleSphereLocator, TheTrajectoryBridgesLostSnapshots) {
   ThinnedScene s([](int k) { return k == 5 || k == 6 ? 1e-4 : 1; });
   s.locator->ProcessAllTimesOn();

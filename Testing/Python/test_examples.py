@@ -53,6 +53,12 @@ class TestExamples(unittest.TestCase):
             self.check_place(float(row[0]), [1e-3 * float(v) for v in row[1:]])
         self.assertGreater(os.path.getsize(os.path.join(self.folder, "trajectory.vtp")), 1000)
 
+    def test_pvpython_uncertainty(self):
+        picture = os.path.join(self.folder, "uncertainty.png")
+        self.run_example(os.path.join(SOURCE, "rimflow"), "with-display", "pvpython",
+                         os.path.join(SOURCE, "Examples", "pvpython", "uncertainty.py"), TRACKS, "0.00953", picture)
+        self.assertGreater(os.path.getsize(picture), 20000)
+
     def test_pvbatch_locate_in_parallel(self):
         script = os.path.join(SOURCE, "Examples", "pvbatch", "locate_in_parallel.py")
         for ranks in (1, 3):
