@@ -84,14 +84,14 @@ class TestProcess(unittest.TestCase):
                     self.assertAlmostEqual(a[f"raw_{axis}_m"], b[f"raw_{axis}_m"], delta=2e-7)
 
     def test_goes_back_to_snapshots_lost_before_the_first_find(self):
-        # in the first two snapshots every 6th particle: too few to find the sphere without a hint
+        # in the first two snapshots every 16th particle: too few to find the sphere without a hint
         thin, zone, seen = self.out("thin.dat"), 0, 0
         with gzip.open(TRACKS, "rt", encoding="latin-1") as whole, open(thin, "w", encoding="latin-1") as part:
             for line in whole:
                 zone += line.startswith("ZONE")
                 if line[0] in "-.0123456789":
                     seen += 1
-                    if zone <= 2 and seen % 6:
+                    if zone <= 2 and seen % 16:
                         continue
                 elif line.startswith("I="):
                     line = "J=1, K=1, ZONETYPE=Ordered\n"
@@ -102,7 +102,9 @@ class TestProcess(unittest.TestCase):
             self.assertEqual(result.returncode, 0, result.stderr)
             table = rows(self.out(name))
             self.assertEqual({r["status"] for r in table}, {0})
-            self.assertLess(max(error(r, "raw_") for r in table), 0.1)
+            self.assertLess(max(error(r, "raw_") for r in table), 0.25)
+            if name == "serial":  # together they are nearly as good as dense ones
+                self.assertLess(max(error(r) for r in table), 0.01)
         # alone, such a snapshot is lost
         process("--out", self.out("alone"), "--diameter", "9.53mm", "--steps", "1:2", tracks=[thin])
         self.assertEqual([r["status"] for r in rows(self.out("alone"))], [2])
