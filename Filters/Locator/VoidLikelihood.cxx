@@ -18,8 +18,8 @@ constexpr double LogisticPerNoise = 0.62666; // sqrt(2 pi)/4: w at which the log
 constexpr double PriorGhosts = 0.005,
                  GhostBacking = 100; // prior ghost rate, worth so many expected particles
 constexpr double Overlap = 0.05;     // of R, that two spheres may seem to overlap
-constexpr double NoisePerSpacing[] = {1 / 800., 1 / 400., 1 / 200., 1 / 100., 1 / 50., 1 / 25.};
-constexpr double NoisePrior[] = {1 / 12., 2 / 12., 3 / 12., 3 / 12., 2 / 12., 1 / 12.};
+constexpr double NoisePerSpacing[] = {1 / 600., 1 / 300., 1 / 150., 1 / 75., 1 / 37.};
+constexpr double NoisePrior[] = {1 / 9., 2 / 9., 3 / 9., 2 / 9., 1 / 9.};
 
 /// g(u) = log((1 - f) + eps f), f = 1/(1 + e^u), by linear interpolation; 0 far outside, log(eps) deep
 /// inside.
