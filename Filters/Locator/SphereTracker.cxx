@@ -237,7 +237,7 @@ LocatedSphere SphereTracker::search(const SnapshotParticles& particles, const st
             ? fromPublished(minimisePublishedCost(index, *flow, start, options_.published), sphere.diameter)
             : fromLikelihood(v);
     if (particles.velocities) addWallVelocity(found, index, particles.velocities, 0.5 * found.diameter);
-    found.wall = wallOf(found, seeding, particles);
+    if (!published) found.wall = wallOf(found, seeding, particles);
     return found;
   };
   const Doubt unexpected{options_.capture.falseAlarm, LeastEnclosure},

@@ -53,7 +53,8 @@ struct LocatedSphere {
   /// them.
   Eigen::Vector3d wallVelocity = Eigen::Vector3d::Zero();
   double wallVelocitySigma = -1;
-  std::shared_ptr<const WallView> wall; ///< for the joint estimate of several snapshots; null when lost
+  /// For the joint estimate of several snapshots; null when lost, and with the published cost.
+  std::shared_ptr<const WallView> wall;
 };
 
 /// Follows a sphere through snapshots that come in any order. A snapshot's result is decided by its own

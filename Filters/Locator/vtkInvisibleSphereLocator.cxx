@@ -494,7 +494,8 @@ void vtkInvisibleSphereLocator::FillOutputs(double time, bool whole, vtkInformat
     const auto point = centreOf(i, time, here->second, state.smoothed[i].trajectory);
     centres->AddInputData(point);
     surfaces->AddInputData(surfaceOf(i, here->second, this->SphereResolution));
-    if (i == 0) rimflow::wallToPolyData(estimateOf(time, here->second), 0.5 * here->second.diameter, wall);
+    if (i == 0 && here->second.wall)
+      rimflow::wallToPolyData(estimateOf(time, here->second), 0.5 * here->second.diameter, wall);
   }
   join(trajectories, trajectory);
   if (state.group->size() == 1)

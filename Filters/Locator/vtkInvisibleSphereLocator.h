@@ -26,7 +26,8 @@
  * field data.
  *
  * With several spheres (OtherDiameters) outputs 0 to 2 hold them one after the other: a surface, a point, a
- * line for each that was found. Wall is that of the first.
+ * line for each that was found. Wall is that of the first; it is empty with the published cost, whose
+ * trajectory is always the smoothed path through the single snapshots.
  *
  * Every time is searched for once and kept until the particles or a property change. Times may come in any
  * order: what was found at other times only says where to look first. A time that was lost before anything

@@ -405,6 +405,7 @@ TEST(VtkInvisibleSphereLocator, PublishedCostFindsThePlaceToAFractionOfTheDiamet
   ASSERT_EQ(s.output(1)->GetNumberOfPoints(), 1);
   EXPECT_LT(s.error(), 0.5); // the published weights do not aim at the true centre
   EXPECT_GE(s.output(1)->GetPointData()->GetArray("OffsetVortex")->GetTuple1(0), 0);
+  EXPECT_EQ(s.output(3)->GetNumberOfPoints(), 0); // its path is no void's
 
   // Unless told otherwise, up is where the sphere goes: here +y. The properties reach the search.
   const auto centreNow = [&] {
