@@ -203,7 +203,7 @@ bool closedLikeASphere(const ParticleIndex& particles, const std::vector<Body>& 
                        const VoidEstimate& estimate) {
   constexpr double Evidence = 4;       // nats
   constexpr double LeastGhosts = 0.02; // of the fluid's density: a single ghost proves little
-  constexpr double MostGhosts = 0.3;   // more than that is thin fluid, such as in the core of a vortex
+  constexpr double MostGhosts = 0.25;  // more than that is thin fluid, such as in the core of a vortex
   const double radius = 0.5 * estimate.diameter;
   const Eigen::Vector3d& centre = estimate.centre;
   struct Part {
