@@ -78,6 +78,22 @@ struct Tracks {
   double time = 0, halfSpan = 1, speed = 0;
 };
 
+/// Speed of the body per view over its mean: the flow around a body that speeds up in fluid at rest grows
+/// with it. 1 where the body hardly moves: then it is the fluid that flows past it.
+std::vector<double> relativeSpeeds(const std::vector<FlowView>& views) {
+  Vector3d mean = Vector3d::Zero();
+  double squares = 0, n = 1e-12;
+  for (const FlowView& view : views) mean += view.velocity / double(views.size());
+  for (const FlowView& view : views)
+    for (const WallParticle& p : view.particles)
+      if (p.velocity.allFinite()) squares += (p.velocity.cast<double>() - mean).squaredNorm(), ++n;
+  std::vector<double> speeds(views.size(), 1.);
+  if (mean.squaredNorm() < 0.6 * squares / n) return speeds;
+  for (std::size_t k = 0; k < views.size(); ++k)
+    speeds[k] = std::clamp(views[k].velocity.dot(mean) / mean.squaredNorm(), 0.5, 2.);
+  return speeds;
+}
+
 Tracks collect(const std::vector<FlowView>& views, const FlowFitOptions& o) {
   Tracks t;
   t.time = 0.5 * (views.front().time + views.back().time);
@@ -85,10 +101,12 @@ Tracks collect(const std::vector<FlowView>& views, const FlowFitOptions& o) {
   std::map<std::int64_t, std::vector<Sample>> byTrack;
   std::int64_t unknown = -1;
   double squares = 0, n = 0;
-  for (const FlowView& view : views)
-    for (const WallParticle& p : view.particles) {
+  const std::vector<double> speeds = relativeSpeeds(views);
+  for (std::size_t k = 0; k < views.size(); ++k)
+    for (const WallParticle& p : views[k].particles) {
+      const FlowView& view = views[k];
       const Vector3d x = p.offset.cast<double>() / o.radius;
-      const Vector3d u = p.velocity.cast<double>() - view.velocity;
+      const Vector3d u = (p.velocity.cast<double>() - view.velocity) / speeds[k];
       if (!(x.norm() < 1 + 1.3 * o.reach && x.norm() > Innermost) || !u.allFinite()) continue;
       squares += u.squaredNorm();
       ++n;

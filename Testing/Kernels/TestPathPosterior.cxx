@@ -20,10 +20,14 @@ const Vector3d Velocity(0.03, 0.25, -0.02);
 struct Scene {
   double density = 0.4e9, noise = 5e-6;
   int snapshots = 20;
-  bool moving = true, ids = true, freshTracers = false, ghostTrack = false;
+  double acceleration = 0; // along the motion, m/s2
+  bool moving = true, ids = true, freshTracers = false, ghostTrack = false, velocities = false;
 
+  double time(int k) const { return Step * (k - 0.5 * (snapshots - 1)); }
   Vector3d place(int k) const {
-    return moving ? Vector3d(Velocity * Step * (k - 0.5 * (snapshots - 1))) : Vector3d::Zero();
+    const double t = time(k);
+    return moving ? Vector3d(Velocity * t + 0.5 * acceleration * t * t * Velocity.normalized())
+                  : Vector3d::Zero();
   }
 
   TrackSynthesis tracks(unsigned seed) const {
@@ -32,6 +36,8 @@ struct Scene {
     o.flow.kind = FlowKind::StokesSphere;
     o.flow.body.diameter = Diameter;
     o.flow.body.velocity = moving ? Velocity : Vector3d::Zero();
+    o.flow.body.acceleration = acceleration * Velocity.normalized();
+    o.velocityNoise = 2e-3;
     o.flow.referenceTime = 0.5 * (snapshots - 1) * Step;
     o.bounds = {-0.011, 0.011, -0.013, 0.013, -0.011, 0.011};
     o.density = density;
@@ -59,7 +65,8 @@ struct Scene {
         for (int a = 0; a < 3; ++a) s.position.push_back(float(at[a]));
         s.trackId.push_back(1 << 30);
       }
-      const SnapshotParticles particles(s.position.data(), s.trackId.size(), nullptr,
+      const SnapshotParticles particles(s.position.data(), s.trackId.size(),
+                                        velocities ? s.velocity.data() : nullptr,
                                         ids ? s.trackId.data() : nullptr);
       const LocatedSphere& found = tracker.locate(Step * k, particles);
       estimates.push_back({Step * k, found.found, found.centre, found.covariance, found.wall});
@@ -111,6 +118,19 @@ TEST(PathPosterior, ItsErrorFollowsItsUncertaintyThoughTracersStayAtTheWall) {
   EXPECT_GT(chiSquared, 0.2);
   EXPECT_LT(chiSquared, 2.5); // measured 1.5
   EXPECT_LT(velocity, 0.006); // measured 0.003
+}
+
+TEST(PathPosterior, TheFlowTellsTheVelocityOfASphereThatSpeedsUp) {
+  Scene scene;
+  scene.velocities = true;
+  scene.acceleration = 3;
+  const SmoothedTrajectory t = smoothTrajectory(scene.estimates(4), joint());
+  for (const int k : {1, 10, 18}) {
+    const Vector3d velocity = Velocity + scene.acceleration * scene.time(k) * Velocity.normalized();
+    EXPECT_LT((t.points[k].velocity - velocity).norm(), 0.006 * Velocity.norm()) << k;
+    EXPECT_GT(t.points[k].angularVelocitySigma.minCoeff(), 0);
+  }
+  EXPECT_LT(meanError(scene, t.points), 0.004);
 }
 
 TEST(PathPosterior, TheSameTracersAgainSayNothingNew) {
