@@ -85,6 +85,24 @@ TEST(SphereTracker, LooksAgainWhereItWasLostBeforeTheFirstFind) {
   EXPECT_TRUE(tracker.worthAnotherLook().empty()); // once only
 }
 
+TEST(SphereTracker, EntersByAFaceAndLeavesByACorner) {
+  // The centre passes the lower face at k = 3 and the upper corner at k = 13.
+  const TracerCloud cloud;
+  const Vector3d in(0, cloud.lower[1], 0), out = cloud.upper;
+  const auto at = [&](int k) { return Vector3d(in + (k - 3) / 10. * (out - in)); };
+  SphereTracker tracker(options());
+  int found = 0;
+  for (int k = 1; k <= 16; ++k) {
+    const auto x = cloud.positions(at(k), 500 + k);
+    const LocatedSphere sphere = tracker.locate(2e-3 * k, {x.data(), x.size() / 3});
+    const bool inside = k >= 4 && k <= 12, far = k <= 1 || k >= 16;
+    EXPECT_FALSE(far && sphere.found) << k;
+    found += inside && sphere.found;
+    if (inside && sphere.found) EXPECT_LT((sphere.centre - at(k)).norm(), 0.04 * cloud.diameter) << k;
+  }
+  EXPECT_GE(found, 8); // of 9
+}
+
 TEST(SphereTracker, AWrongGuessIsNoTrap) {
   TrackerOptions o = options();
   o.guess = Vector3d(0.014, 0.014, 0.008);
