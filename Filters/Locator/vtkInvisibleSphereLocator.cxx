@@ -188,14 +188,12 @@ rimflow::CentreEstimate estimateOf(double time, const LocatedSphere& s) {
   return {time, s.found, s.centre, s.covariance, s.wall};
 }
 
-/// Brings a sphere's trajectory up to date: as it is known so far, or `whole`: all snapshots jointly. False:
-/// it is.
-bool smooth(std::size_t sphere, const std::map<double, LocatedSphere>& known, bool whole,
+/// Brings a sphere's trajectory up to date: as it is known so far, or `whole`: all snapshots jointly.
+void smooth(std::size_t sphere, const std::map<double, LocatedSphere>& known, bool whole,
             vtkInvisibleSphereLocator::Internals::Smoothed& state) {
   const auto found =
       std::size_t(std::count_if(known.begin(), known.end(), [](const auto& k) { return k.second.found; }));
-  if (state.trajectory && state.known == known.size() && state.found == found && state.whole == whole)
-    return false;
+  if (state.trajectory && state.known == known.size() && state.found == found && state.whole == whole) return;
   state.known = known.size(), state.found = found, state.whole = whole;
   state.trajectory = vtkSmartPointer<vtkPolyData>::New();
   Rows rows(sphere);
@@ -213,7 +211,7 @@ bool smooth(std::size_t sphere, const std::map<double, LocatedSphere>& known, bo
   }
   if (found < 2) {
     state.trajectory->ShallowCopy(rows.data());
-    return true;
+    return;
   }
   rows.fillDiameter(diameter);
   const bool fresh = found > 30 && found < 1.2 * state.fittedTo && found >= state.fittedTo;
@@ -233,7 +231,6 @@ bool smooth(std::size_t sphere, const std::map<double, LocatedSphere>& known, bo
     state.correlatedFraction = fitted("CorrelatedFraction");
     state.correlationTime = fitted("CorrelationTime");
   }
-  return true;
 }
 
 /// One point for a found sphere, with the motion that its trajectory tells.
@@ -484,9 +481,8 @@ void vtkInvisibleSphereLocator::FillOutputs(double time, bool whole, vtkInformat
     const auto& known = (*state.group)[i].known();
     const auto here = known.find(time);
     if (here == known.end()) return; // aborted
-    const bool again = smooth(i, known, whole, state.smoothed[i]);
+    smooth(i, known, whole, state.smoothed[i]);
     trajectories->AddInputData(state.smoothed[i].trajectory);
-    if (again) this->UpdateProgress(1);
     if (!here->second.found) {
       why += (why.empty() ? "" : "; ") + here->second.text;
       continue;
