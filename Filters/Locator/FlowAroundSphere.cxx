@@ -3,6 +3,7 @@
 #include "TangentialHarmonics.h"
 
 #include <Eigen/Cholesky>
+#include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <algorithm>
 #include <array>
@@ -78,20 +79,29 @@ struct Tracks {
   double time = 0, halfSpan = 1, speed = 0;
 };
 
-/// Speed of the body per view over its mean: the flow around a body that speeds up in fluid at rest grows
-/// with it. 1 where the body hardly moves: then it is the fluid that flows past it.
-std::vector<double> relativeSpeeds(const std::vector<FlowView>& views) {
+/// How the flow around the body has grown and turned in a view, against the mean: with the body's velocity,
+/// when it moves in fluid at rest. Not at all where the body hardly moves: then it is the fluid that flows
+/// past it.
+struct Change {
+  double growth = 1;
+  Matrix3d back = Matrix3d::Identity(); // turns the view's velocity into the mean one's direction
+};
+std::vector<Change> changes(const std::vector<FlowView>& views) {
   Vector3d mean = Vector3d::Zero();
   double squares = 0, n = 1e-12;
   for (const FlowView& view : views) mean += view.velocity / double(views.size());
   for (const FlowView& view : views)
     for (const WallParticle& p : view.particles)
       if (p.velocity.allFinite()) squares += (p.velocity.cast<double>() - mean).squaredNorm(), ++n;
-  std::vector<double> speeds(views.size(), 1.);
-  if (mean.squaredNorm() < 0.6 * squares / n) return speeds;
-  for (std::size_t k = 0; k < views.size(); ++k)
-    speeds[k] = std::clamp(views[k].velocity.dot(mean) / mean.squaredNorm(), 0.5, 2.);
-  return speeds;
+  std::vector<Change> changes(views.size());
+  if (mean.squaredNorm() < 0.6 * squares / n) return changes;
+  for (std::size_t k = 0; k < views.size(); ++k) {
+    const Vector3d& v = views[k].velocity;
+    changes[k].growth = std::clamp(v.norm() / mean.norm(), 0.5, 2.);
+    if (v.dot(mean) > 0.5 * v.norm() * mean.norm())
+      changes[k].back = Eigen::Quaterniond::FromTwoVectors(v, mean).toRotationMatrix();
+  }
+  return changes;
 }
 
 Tracks collect(const std::vector<FlowView>& views, const FlowFitOptions& o) {
@@ -101,12 +111,12 @@ Tracks collect(const std::vector<FlowView>& views, const FlowFitOptions& o) {
   std::map<std::int64_t, std::vector<Sample>> byTrack;
   std::int64_t unknown = -1;
   double squares = 0, n = 0;
-  const std::vector<double> speeds = relativeSpeeds(views);
+  const std::vector<Change> change = changes(views);
   for (std::size_t k = 0; k < views.size(); ++k)
     for (const WallParticle& p : views[k].particles) {
       const FlowView& view = views[k];
-      const Vector3d x = p.offset.cast<double>() / o.radius;
-      const Vector3d u = (p.velocity.cast<double>() - view.velocity) / speeds[k];
+      const Vector3d x = change[k].back * p.offset.cast<double>() / o.radius;
+      const Vector3d u = change[k].back * (p.velocity.cast<double>() - view.velocity) / change[k].growth;
       if (!(x.norm() < 1 + 1.3 * o.reach && x.norm() > Innermost) || !u.allFinite()) continue;
       squares += u.squaredNorm();
       ++n;

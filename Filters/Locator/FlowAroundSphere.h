@@ -44,12 +44,13 @@ struct FlowFit {
 ///     c(t) = reference + centre + velocity dt + acceleration dt^2/2,   dt = t - time.
 /// w is divergence-free and vanishes on the wall: vector harmonics up to degree 4, each times three boundary
 /// layers d (1 - exp(-s/d)), d = 0.1, 0.3 and 1 R; taken to be steady meanwhile, but
-/// for its size, which goes with the reference velocity (the fluid is at rest far away). So V is the no-slip
-/// velocity and the path's drift at once, and the centre is where the flow comes to rest on a sphere. Robust
-/// against ghosts (Student's t). A track's velocities are averaged over 0.15 R, and each track counts once.
-/// The variances of the noise (in four bands of the distance from the wall) and of the layers are the most
-/// probable ones (MacKay 1992, "Bayesian interpolation"). Covariance: the posterior's; plus model error, from
-/// what the answer changes by when reach and layers are 0.75 and 0.7, or 1.3 and 1.4 times as large; times 1
+/// for its size and direction, which goes with the reference velocity (the fluid is at rest far away). So V
+/// is the no-slip velocity and the path's drift at once, and the centre is where the flow comes to rest on a
+/// sphere. Robust against ghosts (Student's t). A track's velocities are averaged over 0.15 R, and each track
+/// counts once. The variances of the noise (in four bands of the distance from the wall) and of the layers
+/// are the most probable ones (MacKay 1992, "Bayesian interpolation"). Covariance: the posterior's; plus
+/// model error, from what the answer changes by when reach and layers are 0.75 and 0.7, or 1.3 and 1.4 times
+/// as large; times 1
 /// + (60/tracks)2, as few tracks do not determine the variances; never below 0.001 R or U. It does not know a
 /// wall that slips. Throws std::invalid_argument when radius or reach is out of range.
 FlowFit fitFlow(const std::vector<FlowView>& views, const FlowFitOptions& options);
