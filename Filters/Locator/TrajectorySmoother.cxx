@@ -363,6 +363,17 @@ FlowFit flowAlong(const std::vector<CentreEstimate>& views, const std::vector<Sm
   return fitFlow(flow, options);
 }
 
+/// Corrects the reference path by what a fit found.
+void moveBy(const FlowFit& fit, std::vector<SmoothedCentre>& reference,
+            const std::vector<CentreEstimate>& views) {
+  for (std::size_t k = 0; k < views.size(); ++k) {
+    const double dt = views[k].time - fit.time;
+    reference[k].centre += fit.centre + dt * (fit.velocity + 0.5 * dt * fit.acceleration);
+    reference[k].velocity += fit.velocity + dt * fit.acceleration;
+    reference[k].acceleration += fit.acceleration;
+  }
+}
+
 /// The fit as an estimate of the motion at the view nearest to its time.
 MotionEstimate motionFrom(const FlowFit& fit, const std::vector<CentreEstimate>& views,
                           const std::vector<SmoothedCentre>& reference) {
@@ -435,8 +446,12 @@ void refine(const Smoother& smoother, const Parameters& p, const SmootherOptions
   for (std::size_t w = 0; w < starts.size(); ++w) {
     const auto begin = std::ptrdiff_t(starts[w]), end = std::ptrdiff_t(starts[w] + length);
     const std::vector<CentreEstimate> window(views.begin() + begin, views.begin() + end);
-    const std::vector<SmoothedCentre> smoothed(reference.begin() + begin, reference.begin() + end);
-    const FlowFit flow = flowAlong(window, smoothed, options.radius, p.accelerationPrior);
+    std::vector<SmoothedCentre> smoothed(reference.begin() + begin, reference.begin() + end);
+    FlowFit flow = flowAlong(window, smoothed, options.radius, p.accelerationPrior);
+    if (flow.enough) { // again from a better path: the flow's growth and turning follow it
+      moveBy(flow, smoothed, window);
+      flow = flowAlong(window, smoothed, options.radius, p.accelerationPrior);
+    }
     PathOptions own = path;
     if (flow.enough) own.motion.push_back(motionFrom(flow, window, smoothed));
     std::vector<double> times;
