@@ -482,14 +482,13 @@ void check(const std::vector<CentreEstimate>& snapshots, const PathOptions& o) {
       throw std::invalid_argument("a snapshot of the path was not found or has no wall");
 }
 
-/// Standard deviation per component of a single snapshot, rms.
+} // namespace
+
 double singleSigma(const std::vector<CentreEstimate>& snapshots) {
   double variance = 0;
   for (const CentreEstimate& s : snapshots) variance += s.covariance.trace() / (3 * double(snapshots.size()));
   return std::sqrt(variance);
 }
-
-} // namespace
 
 int pathIntervals(double duration, double jerkIntensity, double sigma) {
   if (jerkIntensity <= 0) return 1;

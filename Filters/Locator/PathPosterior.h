@@ -58,6 +58,9 @@ struct PathPosterior {
 PathPosterior samplePath(const std::vector<CentreEstimate>& snapshots, const std::vector<double>& times,
                          const PathOptions& options);
 
+/// Standard deviation per component of a single snapshot, rms over the snapshots, m.
+double singleSigma(const std::vector<CentreEstimate>& snapshots);
+
 /// Intervals of the spline that a path of this duration needs: within one, white jerk moves the centre less
 /// than a third of `sigma`, the uncertainty of a single snapshot.
 int pathIntervals(double duration, double jerkIntensity, double sigma);

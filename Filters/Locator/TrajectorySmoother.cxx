@@ -27,7 +27,7 @@ constexpr double FreeAcceleration = 10; // m/s2: standard deviation where nothin
 
 struct Parameters {
   double jerkIntensity = 1, correlatedFraction = 0, correlationTime = 1, inflation = 1,
-         accelerationPrior = 10;
+         accelerationPrior = FreeAcceleration;
 };
 
 constexpr std::size_t WindowSnapshots = 48; // of the joint estimate at most
@@ -418,12 +418,10 @@ void refine(const Smoother& smoother, const Parameters& p, const SmootherOptions
   }
   path.positionNoise = std::max(path.positionNoise, 1e-5 * options.radius);
 
-  double variance = 0;
-  for (const CentreEstimate& v : views) variance += v.covariance.trace() / (3 * double(views.size()));
   const double step = (views.back().time - views.front().time) / double(views.size() - 1);
   std::size_t length = std::min(WindowSnapshots, views.size());
   while (length >= LeastSnapshots &&
-         pathIntervals(double(length - 1) * step, p.jerkIntensity, std::sqrt(variance)) > WindowIntervals)
+         pathIntervals(double(length - 1) * step, p.jerkIntensity, singleSigma(views)) > WindowIntervals)
     length /= 2;
   if (length < LeastSnapshots) return;
 
