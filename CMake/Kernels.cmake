@@ -36,6 +36,11 @@ add_library(rimflow_kernels STATIC
   Filters/Locator/TrajectorySmoother.cxx
   Filters/Locator/VoidLikelihood.cxx
   Filters/Vortices/QCriterionKernel.cxx
+  Filters/Pressure/OneShotPressure.cxx
+  Filters/Pressure/ParallelLinePressure.cxx
+  Filters/Pressure/PressureGradient.cxx
+  Filters/Pressure/PseudoTracking.cxx
+  Filters/Forces/SurfaceForce.cxx
 )
 target_include_directories(rimflow_kernels PUBLIC
   ${CMAKE_SOURCE_DIR}/Readers
@@ -43,6 +48,8 @@ target_include_directories(rimflow_kernels PUBLIC
   ${CMAKE_SOURCE_DIR}/Filters/Resampling
   ${CMAKE_SOURCE_DIR}/Filters/Vortices
   ${CMAKE_SOURCE_DIR}/Filters/Locator
+  ${CMAKE_SOURCE_DIR}/Filters/Pressure
+  ${CMAKE_SOURCE_DIR}/Filters/Forces
 )
 target_link_libraries(rimflow_kernels PUBLIC Eigen3::Eigen OpenMP::OpenMP_CXX PRIVATE ZLIB::ZLIB)
 target_include_directories(rimflow_kernels SYSTEM PRIVATE ${FASTFLOAT_INCLUDE_DIR})

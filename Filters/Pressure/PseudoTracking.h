@@ -1,0 +1,28 @@
+#pragma once
+#include "Grid.h"
+
+#include <vector>
+
+namespace rimflow {
+
+/// Three snapshots of the velocity on one grid; three numbers per node, m/s. previous or next may be null at
+/// the ends of a series (one-sided then).
+struct VelocitySeries {
+  Grid grid;
+  const float *previous = nullptr, *present = nullptr, *next = nullptr;
+  const unsigned char *previousMask = nullptr, *presentMask = nullptr, *nextMask = nullptr; ///< or null
+  double timeBefore = 0, timeAfter = 0; ///< from previous to present and from present to next, s, > 0
+};
+
+struct PseudoTrackingResult {
+  std::vector<float> acceleration; ///< Du/Dt, three per node, m/s2; 0 where it is not known
+  std::vector<unsigned char>
+      mask; ///< 1 where it is not known: no fluid, or the path leaves the fluid both ways
+};
+
+/// The material acceleration from how the velocity changes along the path of a fluid particle
+/// (pseudo-tracking; Liu & Katz 2006, "Instantaneous pressure and material acceleration measurements").
+/// Throws std::invalid_argument when both neighbours are missing or a time is not greater than 0.
+PseudoTrackingResult pseudoTracking(const VelocitySeries& series);
+
+} // namespace rimflow
