@@ -36,6 +36,7 @@ add_library(rimflow_kernels STATIC
   Filters/Locator/TrajectorySmoother.cxx
   Filters/Locator/VoidLikelihood.cxx
   Filters/Vortices/QCriterionKernel.cxx
+  Filters/Pressure/FluidRegions.cxx
   Filters/Pressure/OneShotPressure.cxx
   Filters/Pressure/ParallelLinePressure.cxx
   Filters/Pressure/PressureGradient.cxx
