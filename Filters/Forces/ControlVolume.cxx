@@ -14,28 +14,31 @@ struct SmoothFall {
   }
 };
 
-/// The layer at the wall, in which the measured rate of change is not used: it ends between these distances.
+/// The zone around the body in which the fluid's acceleration and velocity gradient are least certain. Its
+/// share falls from 1 at the wall to 0 between these distances, m; in it half of the measured rate of change
+/// counts.
 struct WallZone {
   double begin, end;
-  explicit WallZone(double h) : begin(h), end(2 * h) {}
-  double share(double distance) const { return SmoothFall((distance - begin) / (end - begin)).value; }
+  WallZone(double h, double room) : begin(std::min(3 * h, 0.25 * room)), end(std::min(6 * h, 0.6 * room)) {}
+  SmoothFall share(double distance) const { return SmoothFall((distance - begin) / (end - begin)); }
 };
 
-/// The integral over the wall zone of the rate of change: `mean` is that of the fluid next to the zone, which
-/// goes over into the wall's own within the boundary layer.
-Eigen::Vector3d overWallZone(const WallZone& zone, const Body& body, double wallLayer,
-                             const Eigen::Vector3d& mean) {
-  constexpr int Steps = 200;
+/// The integral over the wall zone of a rate of change that is the wall's own acceleration and fades within
+/// the boundary layer.
+Eigen::Vector3d changeOfLayer(const WallZone& zone, const Body& body, double wallLayer) {
+  if (wallLayer <= 0) return Eigen::Vector3d::Zero();
+  constexpr int Steps = 400;
   const double ds = zone.end / Steps;
-  double volume = 0, layer = 0;
+  double volume = 0;
   for (int i = 0; i < Steps; ++i) {
     const double s = (i + 0.5) * ds, r = 0.5 * body.diameter + s;
-    const double shell = 4 * M_PI * r * r * ds * zone.share(s);
-    volume += shell;
-    if (wallLayer > 0) layer += shell * std::exp(-s / wallLayer);
+    volume += 4 * M_PI * r * r * ds * zone.share(s).value * std::exp(-s / wallLayer);
   }
-  return volume * mean + layer * (body.acceleration - mean);
+  return volume * body.acceleration;
 }
+
+/// The part of a node's cell that lies outside the body, from its distance from the wall in spacings.
+double fluidShare(double distance) { return std::clamp(0.5 + distance, 0.0, 1.0); }
 
 /// Along one axis: the part of a cell that belongs to a node.
 double cellShare(int i, int n) { return i == 0 || i == n - 1 ? 0.5 : 1; }
@@ -46,69 +49,88 @@ double cellShare(int i, int n) { return i == 0 || i == n - 1 ? 0.5 : 1; }
 // d'/dt = d/dt + V . grad, the rate of change that the body sees, the fluid has
 //     rho d'u/dt = div T,   T = sigma - rho u (u - V)^T,   sigma = -p I + mu (grad u + grad u^T),
 // and at the wall u - V is tangential, T n = sigma n. Times phi, integrated by parts:
-//     F = - int T grad phi dV - int phi rho d'u/dt dV + int phi T n dA over the faces of the grid,
-// with d'u/dt = Du/Dt - ((u - V) . grad) u. The last term is there only if the shell is cut by the faces.
-// Constants in p and u do not matter; means are subtracted against rounding and missing nodes.
+//     F = - int T grad phi dV - int phi rho d'u/dt dV + int phi T n dA over the faces of the grid
+// (the last term only if the faces cut the shell). With d'u/dt = Du/Dt - ((u - V) . grad) u and any weight
+// chi,
+//     int chi d'u/dt dV = int chi Du/Dt dV + int u (u - V) . grad chi dV - int chi u (u - V) . n dA,
+// which needs no derivative of the velocity. Fields from noisy tracks are blurred at the wall. Two balances
+// then err to opposite sides: with chi = phi, the momentum that is carried through the shell drops out, and
+// what counts is the acceleration at the wall; with chi = 0 in a zone at the wall, where the flow is taken
+// to be steady but for the layer that moves with the wall, it is the momentum carried through the zone. The
+// mean of the two is taken. Constants in p and u do not matter; means are subtracted against rounding.
 MomentumBalance momentumBalance(const FluidNodes& fluid, double density, double viscosity, double wallLayer,
                                 const ControlShell& shell) {
   const Grid& grid = fluid.grid();
   const Body& body = fluid.body();
   const double mu = density * viscosity, width = shell.outer - shell.inner;
   const double cell = grid.spacing[0] * grid.spacing[1] * grid.spacing[2];
-  const WallZone zone(fluid.spacing());
+  const WallZone zone(fluid.spacing(), shell.outer - 0.5 * body.diameter);
 
   struct Sums {
     Eigen::Vector3d flux = Eigen::Vector3d::Zero(), change = Eigen::Vector3d::Zero(),
-                    changeNearby = Eigen::Vector3d::Zero(), gradient = Eigen::Vector3d::Zero(),
-                    variance = Eigen::Vector3d::Zero();
-    double pressure = 0, weight = 0, missing = 0, nearby = 0, through = 0;
+                    changeOfZone = Eigen::Vector3d::Zero(), area = Eigen::Vector3d::Zero(),
+                    variance = Eigen::Vector3d::Zero(), velocity = Eigen::Vector3d::Zero();
+    double pressure = 0, weight = 0, missing = 0, through = 0;
   } sum;
-  Eigen::Vector3d velocity = Eigen::Vector3d::Zero();
   bool cut = false;
+  const bool sticks = wallLayer > 0; // without viscosity the fluid slips along the wall
 
   forEachNodeNear(grid, body.centre.data(), shell.outer, [&](int i, int j, int k) {
     const Eigen::Vector3d r = fluid.position(i, j, k) - body.centre;
     const double distance = r.norm() - 0.5 * body.diameter;
-    if (distance <= 0 || r.norm() >= shell.outer) return;
+    if (distance <= -0.5 * fluid.spacing() || r.norm() >= shell.outer) return;
     const double volume = cell * cellShare(i, grid.n[0]) * cellShare(j, grid.n[1]) * cellShare(k, grid.n[2]);
-    const SmoothFall fall((r.norm() - shell.inner) / width);
-    const Eigen::Vector3d slope = fall.slope / width * r.normalized();
+    const Eigen::Vector3d n = r.normalized();
+    const SmoothFall fall((r.norm() - shell.inner) / width), near = zone.share(distance);
+    const Eigen::Vector3d slope = fall.slope / width * n;
+    const double part = sticks ? volume * fluidShare(distance / fluid.spacing()) : volume;
     if (!fluid.hold(i, j, k)) {
+      if (sticks && distance <= 0) { // the fluid in the cell's corner moves with the wall
+        sum.change += part * body.acceleration;
+        sum.changeOfZone += part * body.acceleration;
+      }
       sum.missing += volume * slope.norm();
       return;
     }
     const std::size_t node = grid.index(i, j, k);
     const Eigen::Vector3d u = fluid.velocity(node), relative = u - body.velocity;
-    const Eigen::Matrix3d gradient = fluid.velocityGradient(i, j, k);
-    const double p = fluid.pressure(node);
 
-    sum.weight += volume * slope.norm();
-    sum.pressure += volume * slope.norm() * p;
-    velocity += volume * slope.norm() * u;
-    const auto addFlux = [&](const Eigen::Vector3d& area) { // T area
-      sum.flux += mu * (gradient + gradient.transpose()) * area - p * area - density * u * relative.dot(area);
-      sum.gradient += area;
-      sum.through += relative.dot(area);
-    };
-    addFlux(-volume * slope);
-    if (fluid.fields().pressureError)
-      sum.variance += (double(fluid.fields().pressureError[node]) * volume * slope).cwiseAbs2();
-
-    const double share = zone.share(distance);
-    const Eigen::Vector3d change = fluid.acceleration(node) - gradient * relative;
-    sum.change += volume * fall.value * (1 - share) * change;
-    if (distance > zone.begin && distance < zone.end + zone.begin) {
-      sum.changeNearby += volume * change;
-      sum.nearby += volume;
-    }
-
+    int faces[3]; // the outward direction along each axis, 0 inside
     const int at[3] = {i, j, k};
-    for (int a = 0; a < 3; ++a) {
-      const int side = at[a] == 0 ? -1 : at[a] == grid.n[a] - 1 ? 1 : 0;
-      if (side == 0 || fall.value == 0) continue;
-      cut = true;
-      addFlux(fall.value * side * volume / (0.5 * grid.spacing[a]) * Eigen::Vector3d::Unit(a));
+    for (int a = 0; a < 3; ++a) faces[a] = at[a] == 0 ? -1 : at[a] == grid.n[a] - 1 ? 1 : 0;
+    const auto overFaces = [&](double weight, auto&& use) { // use(area) on each face that the node lies on
+      for (int a = 0; a < 3; ++a)
+        if (faces[a] != 0 && weight > 0)
+          use(weight * faces[a] * volume / (0.5 * grid.spacing[a]) * Eigen::Vector3d::Unit(a));
+    };
+
+    if (slope.norm() > 0 || faces[0] || faces[1] || faces[2]) {
+      const Eigen::Matrix3d gradient = fluid.velocityGradient(i, j, k);
+      const double p = fluid.pressure(node);
+      const auto addFlux = [&](const Eigen::Vector3d& area) { // T area
+        sum.flux +=
+            mu * (gradient + gradient.transpose()) * area - p * area - density * u * relative.dot(area);
+        sum.area += area;
+        sum.through += relative.dot(area);
+      };
+      addFlux(-volume * slope);
+      overFaces(fall.value, [&](const Eigen::Vector3d& area) {
+        cut = true;
+        addFlux(area);
+      });
+      sum.weight += volume * slope.norm();
+      sum.pressure += volume * slope.norm() * p;
+      sum.velocity += volume * slope.norm() * u;
+      if (fluid.fields().pressureError)
+        sum.variance += (double(fluid.fields().pressureError[node]) * volume * slope).cwiseAbs2();
     }
+    const auto addChange = [&](Eigen::Vector3d& change, double chi, const Eigen::Vector3d& chiSlope) {
+      change += part * chi * fluid.acceleration(node) + volume * relative.dot(chiSlope) * u;
+      overFaces(chi, [&](const Eigen::Vector3d& area) { change -= relative.dot(area) * u; });
+    };
+    addChange(sum.change, fall.value, slope);
+    addChange(sum.changeOfZone, fall.value * near.value,
+              near.value * slope + fall.value * near.slope / (zone.end - zone.begin) * n);
   });
 
   MomentumBalance out;
@@ -118,9 +140,10 @@ MomentumBalance momentumBalance(const FluidNodes& fluid, double density, double 
     return out;
   }
   out.missing = sum.missing / (sum.missing + sum.weight);
-  sum.flux += sum.pressure / sum.weight * sum.gradient + density * velocity / sum.weight * sum.through;
-  if (sum.nearby > 0) sum.change += overWallZone(zone, body, wallLayer, sum.changeNearby / sum.nearby);
-  out.force = sum.flux - density * sum.change;
+  sum.flux += (sum.pressure * sum.area + density * sum.through * sum.velocity) / sum.weight;
+  const Eigen::Vector3d half = 0.5 * (sum.changeOfZone - changeOfLayer(zone, body, wallLayer));
+  out.force = sum.flux - density * (sum.change - half);
+  out.zoneSigma = density * half;
   out.pressureSigma = sum.variance.cwiseSqrt();
   return out;
 }

@@ -81,7 +81,7 @@ ControlShell controlShell(const FluidNodes& fluid, double radius) {
   ControlShell shell;
   shell.outer = radius > 0 ? radius : std::min(4 * R, room);
   shell.outer = std::max(shell.outer, R + 5 * h);
-  shell.inner = R + std::min(1.5 * h, 0.25 * (shell.outer - R));
+  shell.inner = R + std::min(2 * h, 0.25 * (shell.outer - R));
   return shell;
 }
 
@@ -264,6 +264,7 @@ ForceResult surfaceForce(const ForceFields& fields, const Body& body, const Forc
   ofPressure.addComponents(pressureVariance.cwiseSqrt());
   ofBoth.addComponents(pressureVariance.cwiseSqrt());
   constexpr double CellsOfOneError = 8; // the pressure's error is alike over two spacings
+  ofBalance.list.push_back(forces.balance.zoneSigma);
   ofBalance.addComponents(std::sqrt(CellsOfOneError) * forces.balance.pressureSigma);
 
   out.pressureForce = {forces.pressureForce, ofPressure.sigma(), true};
