@@ -105,6 +105,8 @@ public:
     shell_ = controlShell(fluid, options.controlVolumeRadius);
     wholeBodyInside_ = distanceFromFaces(fields.grid, body.centre) > R;
     for (const Vec& n : sphere_.points) seen_.push_back(sees(fluid, body.centre + R * n));
+    for (const Vec& n : GeodesicSphere(5).points)
+      if (sees(fluid, body.centre + R * n)) slopeDirections_.push_back(n);
   }
 
   const GeodesicSphere& sphere() const { return sphere_; }
@@ -116,14 +118,17 @@ public:
     const FluidNodes fluid(fields_, body);
     const double mu = options_.density * options_.viscosity, R = 0.5 * body.diameter;
     Forces f;
-    f.pressure = wallPressure(fluid, sphere_.points);
+    const WallShear shear = mu > 0 ? WallShear(fluid, wallLayer_) : WallShear();
+    // at the wall rho A = -grad p + mu lap u, and n . lap u = -div(d u/d n) for a fluid that sticks
+    std::vector<double> slope;
+    if (mu > 0)
+      for (const Vec& n : slopeDirections_)
+        slope.push_back(-mu * shear.divergence(n) / R -
+                        options_.density * n.dot(body.accelerationAt(body.centre + R * n)));
+    f.pressure = wallPressure(fluid, wallLayer_, slopeDirections_, slope, sphere_.points);
     carryOver(f.pressure);
-    f.shear.assign(sphere_.points.size(), Vec::Zero());
-    if (mu > 0) {
-      f.shear = wallShear(fluid, wallLayer_, sphere_.points);
-      for (Vec& s : f.shear) s *= mu;
-      carryOver(f.shear);
-    }
+    for (const Vec& n : sphere_.points) f.shear.push_back(mu * shear.at(n));
+    carryOver(f.shear);
     for (std::size_t i = 0; i < sphere_.points.size(); ++i) {
       f.pressureForce -= f.pressure[i] * R * R * sphere_.area[i] * sphere_.points[i];
       f.friction += R * R * sphere_.area[i] * f.shear[i];
@@ -166,6 +171,7 @@ private:
   ForceOptions options_;
   GeodesicSphere sphere_;
   std::vector<unsigned char> seen_;
+  std::vector<Vec> slopeDirections_;
   ControlShell shell_;
   double layer_ = 0, wallLayer_ = 0;
   bool wholeBodyInside_ = false;

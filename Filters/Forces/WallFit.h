@@ -34,12 +34,11 @@ public:
       : normal_(Eigen::MatrixXd::Zero(unknowns, unknowns)), right_(Eigen::VectorXd::Zero(unknowns)),
         rows_(unknowns, Block), data_(Block) {}
 
-  /// One row of the matrix (as a column) and its datum.
-  template <class Row>
-  void add(const Row& row, double datum) {
-    rows_.col(filled_) = row;
-    data_[filled_++] = datum;
+  /// A row of the matrix, as a column to be filled in, for a datum.
+  Eigen::MatrixXd::ColXpr add(double datum) {
     if (filled_ == Block) flush();
+    data_[filled_] = datum;
+    return rows_.col(filled_++);
   }
   /// strength: of the prior of each unknown, relative to the mean diagonal of the normal equations.
   Eigen::VectorXd solve(const Eigen::VectorXd& strength) {

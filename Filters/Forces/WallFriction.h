@@ -1,14 +1,31 @@
 #pragma once
 #include "FluidNodes.h"
+#include "TangentialHarmonics.h"
 
 #include <vector>
 
 namespace rimflow {
 
-/// d u/d n at the wall, 1/s, less the body's rotation, in the given directions from the body's centre: from a
-/// fit to the velocity near the wall that has no slip there. It is tangential. wallLayer: thickness of the
-/// boundary layer, m, > 0. The model stands at the implementation.
-std::vector<Eigen::Vector3d> wallShear(const FluidNodes& fluid, double wallLayer,
-                                       const std::vector<Eigen::Vector3d>& directions);
+/// d u/d n at the wall, less the body's rotation: a tangential field in vector spherical harmonics.
+class WallShear {
+public:
+  static constexpr int Degree = 4;
+  using Harmonics = TangentialHarmonics<Degree>;
+
+  /// No shear.
+  WallShear() : coefficients_(Coefficients::Zero()) {}
+  /// From a fit to the velocity near the wall that has no slip there. wallLayer: thickness of the boundary
+  /// layer, m, > 0. The model stands at the implementation.
+  WallShear(const FluidNodes& fluid, double wallLayer);
+
+  /// In a direction from the body's centre, 1/s.
+  Eigen::Vector3d at(const Eigen::Vector3d& n) const { return Harmonics(n).field * coefficients_; }
+  /// Its divergence on the unit sphere, 1/s.
+  double divergence(const Eigen::Vector3d& n) const { return Harmonics(n).divergence.dot(coefficients_); }
+
+private:
+  using Coefficients = Eigen::Matrix<double, Harmonics::Size, 1>;
+  Coefficients coefficients_;
+};
 
 } // namespace rimflow

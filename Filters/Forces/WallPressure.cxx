@@ -5,9 +5,9 @@ namespace rimflow {
 
 namespace {
 
-constexpr int Degree = 6;
-constexpr double Weight = 0.3; // of the gradients
+constexpr int Degree = 5;
 constexpr int Harmonics = (Degree + 1) * (Degree + 1);
+constexpr int Profiles = 4;
 using Row = Eigen::Matrix<double, Harmonics, 1>;
 
 /// Real spherical harmonics Y of unit mean square and their gradient on the unit sphere.
@@ -28,42 +28,68 @@ struct ScalarHarmonics {
   }
 };
 
+/// 1, s, s - D (1 - exp(-s/D)), s^2 (1 - exp(-s/D)) and their slopes: beyond the boundary layer the pressure
+/// has another gradient than at the wall. s and D in the same unit.
+struct Profile {
+  double value[Profiles], slope[Profiles];
+  Profile(double s, double D) {
+    const double e = std::exp(-s / D);
+    const double v[] = {1, s, s - D * (1 - e), s * s * (1 - e)};
+    const double d[] = {0, 1, 1 - e, 2 * s * (1 - e) + s * s / D * e};
+    std::copy(v, v + Profiles, value);
+    std::copy(d, d + Profiles, slope);
+  }
+};
+
+double env(const char* n, double d) {
+  const char* v = getenv(n);
+  return v ? atof(v) : d;
+}
 } // namespace
 
-// p = sum over harmonics of (a + b t + c t^2) Y, t = s/h, s the distance from the wall, fitted to p and
-// w h grad p of the nodes within two spacings.
-std::vector<double> wallPressure(const FluidNodes& fluid, const std::vector<Eigen::Vector3d>& directions) {
+// p = sum over profiles f_i of f_i(s/h) a_i(n), a_i in spherical harmonics, s the distance from the wall,
+// fitted to p and h grad p of the nodes near the wall and to the slope d p/d n at the wall.
+std::vector<double> wallPressure(const FluidNodes& fluid, double wallLayer,
+                                 const std::vector<Eigen::Vector3d>& slopeDirections,
+                                 const std::vector<double>& slope,
+                                 const std::vector<Eigen::Vector3d>& directions) {
+  const double gradientWeight = env("WG", 0.3), slopeWeight = env("WS", 5);
   const double h = fluid.spacing(), R = 0.5 * fluid.body().diameter;
-  std::vector<WallNode> nodes = wallNodes(fluid, 0, 2 * h);
+  const std::vector<WallNode> nodes = wallNodes(fluid, env("LO", 0) * h, env("HI", 3) * h);
   double mean = 0;
   for (const WallNode& w : nodes) mean += fluid.pressure(w.node) / double(nodes.size());
-  RidgeFit fit(3 * Harmonics);
-  Eigen::Matrix<double, 3 * Harmonics, 1> row;
+  RidgeFit fit(Profiles * Harmonics);
   for (const WallNode& w : nodes) {
     const ScalarHarmonics y(w.normal);
-    const double t = w.distance / h;
-    row << y.value, t * y.value, t * t * y.value;
-    fit.add(row, fluid.pressure(w.node) - mean);
-    const Eigen::Vector3d gradient = Weight * h * fluid.pressureGradient(w.node);
-    for (int a = 0; a < 3; ++a) {
-      const Row along = Weight * h / (R + w.distance) * y.gradient.row(a).transpose();
-      const Row across = Weight * w.normal[a] * y.value;
-      row << along, t * along + across, t * t * along + 2 * t * across;
-      fit.add(row, gradient[a]);
-    }
+    const Profile f(w.distance / h, wallLayer / h);
+    auto row = fit.add(fluid.pressure(w.node) - mean);
+    for (int i = 0; i < Profiles; ++i) row.segment<Harmonics>(i * Harmonics) = f.value[i] * y.value;
+    const Eigen::Vector3d gradient = gradientWeight * h * fluid.pressureGradient(w.node);
+    if (gradientWeight > 0)
+      for (int a = 0; a < 3; ++a) {
+        auto across = fit.add(gradient[a]);
+        for (int i = 0; i < Profiles; ++i)
+          across.segment<Harmonics>(i * Harmonics) =
+              gradientWeight * (h / (R + w.distance) * f.value[i] * y.gradient.row(a).transpose() +
+                                f.slope[i] * w.normal[a] * y.value);
+      }
   }
-  Eigen::VectorXd strength(3 * Harmonics);
+  const Profile atWall(0, wallLayer / h);
+  for (std::size_t k = 0; k < slope.size(); ++k) {
+    const ScalarHarmonics y(slopeDirections[k]);
+    auto row = fit.add(slopeWeight * h * slope[k]);
+    for (int i = 0; i < Profiles; ++i)
+      row.segment<Harmonics>(i * Harmonics) = slopeWeight * atWall.slope[i] * y.value;
+  }
+  Eigen::VectorXd strength(Profiles * Harmonics);
   const std::vector<int> degree = TangentialHarmonics<Degree>::degrees();
-  for (int c = 0; c < Harmonics; ++c) {
-    const double rough = c == 0 ? 1 : std::pow(1.0 + degree[2 * (c - 1)], 2);
-    strength[c] = 1e-6 * rough;
-    strength[Harmonics + c] = 2e-6 * rough;
-    strength[2 * Harmonics + c] = 3e-6 * rough;
-  }
-  const Eigen::VectorXd coefficient = fit.solve(strength);
+  for (int c = 0; c < Harmonics; ++c)
+    for (int i = 0; i < Profiles; ++i)
+      strength[i * Harmonics + c] = 1e-6 * (1 + i) * (c == 0 ? 1 : std::pow(1.0 + degree[2 * (c - 1)], 2));
+  const Eigen::VectorXd coefficients = fit.solve(strength);
   std::vector<double> pressure;
   for (const Eigen::Vector3d& n : directions)
-    pressure.push_back(mean + ScalarHarmonics(n).value.dot(coefficient.head<Harmonics>()));
+    pressure.push_back(mean + ScalarHarmonics(n).value.dot(coefficients.head<Harmonics>()));
   return pressure;
 }
 
