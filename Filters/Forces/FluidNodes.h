@@ -33,7 +33,8 @@ public:
     if (i < 0 || j < 0 || k < 0 || i >= g.n[0] || j >= g.n[1] || k >= g.n[2]) return false;
     const std::size_t node = g.index(i, j, k);
     if (fields_.mask && fields_.mask[node]) return false;
-    if (body_.signedDistance(position(i, j, k)) <= 0) return false;
+    if ((position(i, j, k) - body_.centre).squaredNorm() <= 0.25 * body_.diameter * body_.diameter)
+      return false;
     return std::isfinite(pressure(node)) && velocity(node).allFinite() && acceleration(node).allFinite() &&
            pressureGradient(node).allFinite();
   }

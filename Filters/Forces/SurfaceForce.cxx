@@ -58,8 +58,8 @@ double boundaryLayer(const Body& body, double speed, double viscosity) {
   return viscosity > 0 ? std::sqrt(body.diameter * viscosity / std::max(speed, 1e-300)) : 0;
 }
 
-/// Speed of the fluid as seen from the body: the largest of the root mean squares on its six sides would be
-/// the outer flow's; the body's own where the fluid is at rest.
+/// Speed of the fluid as seen from the body: the root mean square near it, or the body's own speed where that
+/// is larger.
 double relativeSpeed(const FluidNodes& fluid) {
   const Body& body = fluid.body();
   double sum = 0, count = 0;
@@ -233,19 +233,24 @@ ForceResult surfaceForce(const ForceFields& fields, const Body& body, const Forc
   require(out.coverage > 0, "no node with fluid is near the body");
   if (out.coverage > 1 - 1e-9) out.coverage = 1;
 
-  const Forces forces = surface.forces(body);
-  Deviations ofPressure, ofFriction, ofBoth, ofBalance;
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(options.centreCovariance);
+  std::vector<Body> bodies = {body}; // and moved by one standard deviation along each axis of the covariance
   for (int a = 0; a < 3; ++a) {
     const double sigma = std::sqrt(std::max(0.0, axes.eigenvalues()[a]));
     if (sigma <= 0) continue;
-    Body moved = body;
-    moved.centre += sigma * axes.eigenvectors().col(a);
-    const Forces f = surface.forces(moved);
-    ofPressure.list.push_back(f.pressureForce - forces.pressureForce);
-    ofFriction.list.push_back(f.friction - forces.friction);
+    bodies.push_back(body);
+    bodies.back().centre += sigma * axes.eigenvectors().col(a);
+  }
+  std::vector<Forces> all(bodies.size());
+#pragma omp parallel for schedule(dynamic)
+  for (std::size_t b = 0; b < bodies.size(); ++b) all[b] = surface.forces(bodies[b]);
+  const Forces& forces = all[0];
+  Deviations ofPressure, ofFriction, ofBoth, ofBalance;
+  for (std::size_t b = 1; b < all.size(); ++b) {
+    ofPressure.list.push_back(all[b].pressureForce - forces.pressureForce);
+    ofFriction.list.push_back(all[b].friction - forces.friction);
     ofBoth.list.push_back(ofPressure.list.back() + ofFriction.list.back());
-    ofBalance.list.push_back(f.balance.force - forces.balance.force);
+    ofBalance.list.push_back(all[b].balance.force - forces.balance.force);
   }
 
   out.pressure = forces.pressure;

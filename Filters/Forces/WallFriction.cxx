@@ -25,9 +25,9 @@ struct Layer {
 WallShear::WallShear(const FluidNodes& fluid, double wallLayer) {
   const Body& body = fluid.body();
   const double h = fluid.spacing(), R = 0.5 * body.diameter;
-  const double thickness[Layers] = {wallLayer, 3 * wallLayer, 10 * wallLayer};
+  const double thickness[Layers] = {0.7 * wallLayer, 2 * wallLayer, 6 * wallLayer};
   RidgeFit fit(Layers * Harmonics::Size);
-  for (const WallNode& w : wallNodes(fluid, 0, 2.5 * h)) {
+  for (const WallNode& w : wallNodes(fluid, 0, std::max(2 * h, wallLayer))) {
     const Harmonics a(w.normal);
     const Eigen::Vector3d x = body.centre + (R + w.distance) * w.normal;
     const Eigen::Vector3d u = fluid.velocity(w.node) - body.velocityAt(x);

@@ -17,7 +17,7 @@ struct ScalarHarmonics {
 
   explicit ScalarHarmonics(const Eigen::Vector3d& n) {
     const TangentialHarmonics<Degree> tangential(n);
-    const std::vector<int> degree = TangentialHarmonics<Degree>::degrees();
+    static const std::vector<int> degree = TangentialHarmonics<Degree>::degrees();
     value[0] = 1;
     gradient.col(0).setZero();
     for (int c = 1; c < Harmonics; ++c) { // grad Y = root field, div field = -root Y
@@ -41,10 +41,6 @@ struct Profile {
   }
 };
 
-double env(const char* n, double d) {
-  const char* v = getenv(n);
-  return v ? atof(v) : d;
-}
 } // namespace
 
 // p = sum over profiles f_i of f_i(s/h) a_i(n), a_i in spherical harmonics, s the distance from the wall,
@@ -53,9 +49,9 @@ std::vector<double> wallPressure(const FluidNodes& fluid, double wallLayer,
                                  const std::vector<Eigen::Vector3d>& slopeDirections,
                                  const std::vector<double>& slope,
                                  const std::vector<Eigen::Vector3d>& directions) {
-  const double gradientWeight = env("WG", 0.3), slopeWeight = env("WS", 5);
+  const double gradientWeight = 0.3, slopeWeight = 5;
   const double h = fluid.spacing(), R = 0.5 * fluid.body().diameter;
-  const std::vector<WallNode> nodes = wallNodes(fluid, env("LO", 0) * h, env("HI", 3) * h);
+  const std::vector<WallNode> nodes = wallNodes(fluid, 0, 3 * h);
   double mean = 0;
   for (const WallNode& w : nodes) mean += fluid.pressure(w.node) / double(nodes.size());
   RidgeFit fit(Profiles * Harmonics);
@@ -65,14 +61,13 @@ std::vector<double> wallPressure(const FluidNodes& fluid, double wallLayer,
     auto row = fit.add(fluid.pressure(w.node) - mean);
     for (int i = 0; i < Profiles; ++i) row.segment<Harmonics>(i * Harmonics) = f.value[i] * y.value;
     const Eigen::Vector3d gradient = gradientWeight * h * fluid.pressureGradient(w.node);
-    if (gradientWeight > 0)
-      for (int a = 0; a < 3; ++a) {
-        auto across = fit.add(gradient[a]);
-        for (int i = 0; i < Profiles; ++i)
-          across.segment<Harmonics>(i * Harmonics) =
-              gradientWeight * (h / (R + w.distance) * f.value[i] * y.gradient.row(a).transpose() +
-                                f.slope[i] * w.normal[a] * y.value);
-      }
+    for (int a = 0; a < 3; ++a) {
+      auto across = fit.add(gradient[a]);
+      for (int i = 0; i < Profiles; ++i)
+        across.segment<Harmonics>(i * Harmonics) =
+            gradientWeight * (h / (R + w.distance) * f.value[i] * y.gradient.row(a).transpose() +
+                              f.slope[i] * w.normal[a] * y.value);
+    }
   }
   const Profile atWall(0, wallLayer / h);
   for (std::size_t k = 0; k < slope.size(); ++k) {
