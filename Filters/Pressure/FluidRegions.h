@@ -9,7 +9,7 @@ namespace rimflow {
 struct FluidRegions {
   std::vector<int> region; ///< one per node: 0 for the largest connected part of the fluid, then 1, 2, ...;
                            ///< -1 where there is no fluid
-  int count = 0; ///< connected parts
+  int count = 0;           ///< connected parts
 };
 
 /// mask: one per node, not 0: no fluid; null: fluid everywhere.
