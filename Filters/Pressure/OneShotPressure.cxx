@@ -28,14 +28,14 @@ public:
           for (int a = 0; a < 3; ++a)
             sum += weight_[a] * ((at[a] > 0 && problem.isFluid(p - stride[a])) +
                                  (at[a] + 1 < grid_.n[a] && problem.isFluid(p + stride[a])));
-        diagonal_[p] = float(sum);
+        diagonal_[p] = sum;
       }
     });
   }
   const Grid& grid() const { return grid_; }
   double weight(int axis) const { return weight_[axis]; }
   /// 0: no fluid, or a node without neighbours.
-  const std::vector<float>& diagonal() const { return diagonal_; }
+  const std::vector<double>& diagonal() const { return diagonal_; }
 
   /// q = A p; returns p . q.
   double apply(const std::vector<double>& p, std::vector<double>& q) const {
@@ -47,7 +47,7 @@ public:
       const std::ptrdiff_t sy = n, sz = std::ptrdiff_t(n) * grid_.n[1];
       const double *south = j > 0 ? c - sy : none, *north = j + 1 < grid_.n[1] ? c + sy : none,
                    *below = k > 0 ? c - sz : none, *above = k + 1 < grid_.n[2] ? c + sz : none;
-      const float* d = diagonal_.data() + start;
+      const double* d = diagonal_.data() + start;
       double* out = q.data() + start;
       const double wx = weight_[0], wy = weight_[1], wz = weight_[2];
 #pragma omp simd
@@ -69,7 +69,7 @@ public:
 private:
   Grid grid_;
   std::array<double, 3> weight_;
-  std::vector<float> diagonal_;
+  std::vector<double> diagonal_;
 };
 
 // b_i = -sum of w d_ij
@@ -129,7 +129,7 @@ PressureSolution oneShotPressure(const PressureProblem& problem, const OneShotOp
     return out;
   }
   const GraphLaplacian a(problem);
-  const float* d = a.diagonal().data();
+  const double* d = a.diagonal().data();
   // The exact inverse on the whole box, negative definite as the Laplacian is: a good approximation to that
   // on any part of it, so that iterations hardly grow with the grid.
   const BoxPoisson<float> box(g,

@@ -25,7 +25,7 @@ struct PressureCase {
   std::vector<float> gradient;     ///< with its noise, three per node
   double sigma = 0;                ///< of the noise per component
 
-  PressureProblem problem() const { return {grid, gradient.data(), mask.data(), nullptr}; }
+  PressureProblem problem() const { return {grid, gradient.data(), mask.data()}; }
 };
 
 struct PressureCaseOptions {
