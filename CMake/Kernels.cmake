@@ -42,6 +42,7 @@ add_library(rimflow_kernels STATIC
   Filters/Pressure/PressureGradient.cxx
   Filters/Pressure/PseudoTracking.cxx
   Filters/Forces/ControlVolume.cxx
+  Filters/Pressure/UnexplainedGradient.cxx
   Filters/Forces/SurfaceForce.cxx
   Filters/Forces/WallFriction.cxx
   Filters/Forces/WallPressure.cxx
