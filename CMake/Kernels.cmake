@@ -41,7 +41,11 @@ add_library(rimflow_kernels STATIC
   Filters/Pressure/ParallelLinePressure.cxx
   Filters/Pressure/PressureGradient.cxx
   Filters/Pressure/PseudoTracking.cxx
+  Filters/Forces/ControlVolume.cxx
+  Filters/Pressure/UnexplainedGradient.cxx
   Filters/Forces/SurfaceForce.cxx
+  Filters/Forces/WallFriction.cxx
+  Filters/Forces/WallPressure.cxx
 )
 target_include_directories(rimflow_kernels PUBLIC
   ${CMAKE_SOURCE_DIR}/Readers

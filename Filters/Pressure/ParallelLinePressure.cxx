@@ -485,7 +485,7 @@ PressureSolution parallelLinePressure(const PressureProblem& problem, const Para
   for (std::size_t p = 0; p < pressure.size(); ++p)
     if (sums.passes[p] > 0) pressure[p] /= sums.passes[p];
   fillMissedNodes(field, sums, pressure);
-  removeRegionMeans(regions, pressure);
+  removeRegionMeans(regions, pressure.data());
   out.pressure.assign(pressure.begin(), pressure.end());
   out.region = std::move(regions.region);
   out.regions = regions.count;
