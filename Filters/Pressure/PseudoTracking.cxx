@@ -1,7 +1,7 @@
 #include "PseudoTracking.h"
 
 #include <Eigen/Core>
-#include <cmath>
+#include <algorithm>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -22,37 +22,86 @@ struct Neighbour {
   double time; // from the present one, s
 };
 
-// Weights of `points` neighbouring nodes (2: linear, 4: cubic Lagrange) at x, in nodes from the first.
-std::array<double, 4> lagrangeWeights(int points, double x) {
-  if (points == 1) return {1, 0, 0, 0};
-  if (points == 2) return {1 - x, x, 0, 0};
+// Moves of a block by a node per axis, the shortest first: a place in the middle cell of a block may
+// as well lie in the first or the last of another.
+const std::vector<std::array<int, 3>>& shiftsByLength() {
+  static const auto shifts = [] {
+    std::vector<std::array<int, 3>> all;
+    for (int z = -1; z <= 1; ++z)
+      for (int y = -1; y <= 1; ++y)
+        for (int x = -1; x <= 1; ++x)
+          if (x != 0 || y != 0 || z != 0) all.push_back({x, y, z});
+    std::stable_sort(all.begin(), all.end(), [](const auto& a, const auto& b) {
+      return a[0] * a[0] + a[1] * a[1] + a[2] * a[2] < b[0] * b[0] + b[1] * b[1] + b[2] * b[2];
+    });
+    return all;
+  }();
+  return shifts;
+}
+
+// Weights of neighbouring nodes (2: linear, 4: cubic Lagrange) at x, in nodes from the first.
+std::array<double, 4> lagrangeWeights(int nodes, double x) {
+  if (nodes == 1) return {1, 0, 0, 0};
+  if (nodes == 2) return {1 - x, x, 0, 0};
   return {-(x - 1) * (x - 2) * (x - 3) / 6, x * (x - 2) * (x - 3) / 2, -x * (x - 1) * (x - 3) / 2,
           x * (x - 1) * (x - 2) / 6};
 }
 
-// The velocity at a place in units of nodes; nothing outside of the grid, or where an interpolation would use
-// a node of the mask. points: 2 (trilinear) or 4 (tricubic) per axis. An axis of one node knows no place.
-std::optional<Vector3d> velocityAt(const Grid& grid, const Neighbour& snapshot, const Vector3d& place,
-                                   int points) {
+// A block of nodes that an interpolation uses.
+struct Block {
   int first[3], count[3];
-  std::array<double, 4> weight[3];
+};
+
+bool isKnown(const Grid& grid, const Neighbour& snapshot, const Block& b) {
+  if (!snapshot.mask) return true;
+  for (int k = 0; k < b.count[2]; ++k)
+    for (int j = 0; j < b.count[1]; ++j)
+      for (int i = 0; i < b.count[0]; ++i)
+        if (snapshot.mask[grid.index(b.first[0] + i, b.first[1] + j, b.first[2] + k)]) return false;
+  return true;
+}
+
+// The block of 4 nodes per axis about a place (in nodes): centred if all of it is fluid, else moved away from
+// the wall, but never so far that the place lies outside of it. An axis with fewer than 4 nodes takes 2; one
+// of a single node knows no place.
+std::optional<Block> blockAbout(const Grid& grid, const Neighbour& snapshot, const Vector3d& place) {
+  Block centred;
   for (int a = 0; a < 3; ++a) {
     const int n = grid.n[a];
-    count[a] = n == 1 ? 1 : n < points ? 2 : points;
+    centred.count[a] = n == 1 ? 1 : n < 4 ? 2 : 4;
     if (n > 1 && !(place[a] >= 0 && place[a] <= n - 1)) return std::nullopt;
-    first[a] = n == 1 ? 0 : std::clamp(int(place[a]) + 1 - count[a] / 2, 0, n - count[a]);
-    weight[a] = lagrangeWeights(count[a], place[a] - first[a]);
+    centred.first[a] =
+        n == 1 ? 0 : std::clamp(int(place[a]) + 1 - centred.count[a] / 2, 0, n - centred.count[a]);
   }
+  if (isKnown(grid, snapshot, centred)) return centred;
+  for (const auto& shift : shiftsByLength()) {
+    Block b = centred;
+    bool inside = true;
+    for (int a = 0; a < 3; ++a) {
+      b.first[a] += shift[a];
+      const double at = place[a] - b.first[a];
+      inside = inside && b.first[a] >= 0 && b.first[a] + b.count[a] <= grid.n[a] &&
+               (grid.n[a] == 1 || (at >= 0 && at <= b.count[a] - 1));
+    }
+    if (inside && isKnown(grid, snapshot, b)) return b;
+  }
+  return std::nullopt;
+}
+
+// The velocity at a place in units of nodes, by interpolation from nodes of the fluid; nothing where there
+// are too few of them.
+std::optional<Vector3d> velocityAt(const Grid& grid, const Neighbour& snapshot, const Vector3d& place) {
+  const auto block = blockAbout(grid, snapshot, place);
+  if (!block) return std::nullopt;
+  std::array<double, 4> weight[3];
+  for (int a = 0; a < 3; ++a) weight[a] = lagrangeWeights(block->count[a], place[a] - block->first[a]);
   Vector3d sum = Vector3d::Zero();
-  for (int k = 0; k < count[2]; ++k)
-    for (int j = 0; j < count[1]; ++j)
-      for (int i = 0; i < count[0]; ++i) {
-        const double w = weight[0][i] * weight[1][j] * weight[2][k];
-        const std::size_t node = grid.index(first[0] + i, first[1] + j, first[2] + k);
-        if (w == 0) continue;
-        if (snapshot.mask && snapshot.mask[node]) return std::nullopt;
-        sum += w * vectorAt(snapshot.velocity, node);
-      }
+  for (int k = 0; k < block->count[2]; ++k)
+    for (int j = 0; j < block->count[1]; ++j)
+      for (int i = 0; i < block->count[0]; ++i)
+        sum += weight[0][i] * weight[1][j] * weight[2][k] *
+               vectorAt(snapshot.velocity,
+                        grid.index(block->first[0] + i, block->first[1] + j, block->first[2] + k));
   return sum;
 }
 
@@ -60,14 +109,14 @@ std::optional<Vector3d> velocityAt(const Grid& grid, const Neighbour& snapshot, 
 //     x' = x + t (u(x) + u'(x'))/2,
 // which is iterated. Nothing if it leaves the fluid that is known.
 std::optional<Vector3d> velocityOnPath(const Grid& grid, const Neighbour& snapshot, const Vector3d& place,
-                                       const Vector3d& velocity, int points) {
+                                       const Vector3d& velocity) {
   constexpr int Iterations = 20;
   constexpr double Close = 1e-5; // nodes
   const Vector3d nodesPerMetre(1 / grid.spacing[0], 1 / grid.spacing[1], 1 / grid.spacing[2]);
   Vector3d there = velocity, last = place;
   for (int iteration = 0; iteration < Iterations; ++iteration) {
     const Vector3d next = place + 0.5 * snapshot.time * (velocity + there).cwiseProduct(nodesPerMetre);
-    const auto sampled = velocityAt(grid, snapshot, next, points);
+    const auto sampled = velocityAt(grid, snapshot, next);
     if (!sampled) return std::nullopt;
     there = *sampled;
     if ((next - last).cwiseAbs().maxCoeff() < Close) break;
@@ -109,20 +158,11 @@ PseudoTrackingResult pseudoTracking(const VelocitySeries& series) {
   PseudoTrackingResult out;
   out.acceleration.assign(3 * grid.size(), 0);
   out.mask.assign(grid.size(), 1);
-  // Both sides with the same interpolation, because then most of its error cancels; one side only where no
-  // interpolation serves both.
   const auto acceleration = [&](const Vector3d& place, const Vector3d& velocity) {
-    std::optional<Vector3d> oneSided;
-    for (int points : {4, 2}) {
-      const auto on = [&](const Neighbour& snapshot) {
-        return snapshot.velocity ? velocityOnPath(grid, snapshot, place, velocity, points) : std::nullopt;
-      };
-      const auto before = on(previous), after = on(next);
-      const auto found = slope(velocity, before, series.timeBefore, after, series.timeAfter);
-      if (before && after) return found;
-      if (!oneSided) oneSided = found;
-    }
-    return oneSided;
+    const auto on = [&](const Neighbour& snapshot) {
+      return snapshot.velocity ? velocityOnPath(grid, snapshot, place, velocity) : std::nullopt;
+    };
+    return slope(velocity, on(previous), series.timeBefore, on(next), series.timeAfter);
   };
 #pragma omp parallel for collapse(2) schedule(dynamic, 16)
   for (int k = 0; k < grid.n[2]; ++k)

@@ -142,11 +142,11 @@ TEST(PseudoTracking, TheFacesAreOneSided) {
   const AnalyticFlow flow = vortices(FlowKind::ABC);
   const Grid grid = gridOf(41, 0.02);
   const PseudoTrackingResult found = pseudoTracking(Snapshots(flow, grid, 1e-3, 1e-3).series());
-  EXPECT_LT(unknown(found), grid.size() / 1000); // a few, where the path is parallel to a face
+  EXPECT_LT(unknown(found), grid.size() / 200); // on the edges, where it leaves both ways
   EXPECT_LT(error(flow, grid, found, 0), 0.03);
 }
 
-// The sphere moves half a spacing per step: what it uncovers has no past, what it covers no future.
+// The sphere moves almost half a spacing per step: what it uncovers has no past, what it covers no future.
 TEST(PseudoTracking, AMovingMaskIsNeverMixedIn) {
   AnalyticFlow flow;
   flow.kind = FlowKind::StokesSphere;
@@ -164,11 +164,10 @@ TEST(PseudoTracking, AMovingMaskIsNeverMixedIn) {
     ++fluid;
     unknownFluid += found.mask[node];
     for (int c = 0; c < 3; ++c) ASSERT_TRUE(std::isfinite(found.acceleration[3 * node + c]));
-    if (found.mask[node])
-      for (int c = 0; c < 3; ++c) EXPECT_EQ(found.acceleration[3 * node + c], 0);
+    for (int c = 0; c < 3; ++c) EXPECT_TRUE(!found.mask[node] || found.acceleration[3 * node + c] == 0);
   }
   EXPECT_LT(unknownFluid, fluid / 50);
-  EXPECT_LT(error(flow, grid, found, 2), 0.06);
+  EXPECT_LT(error(flow, grid, found, 2), 0.01); // 0.07 with trilinear interpolation next to the wall
 }
 
 TEST(PseudoTracking, AUniformFlowHasNoAcceleration) {
@@ -182,7 +181,7 @@ TEST(PseudoTracking, AUniformFlowHasNoAcceleration) {
   series.timeBefore = series.timeAfter = 1e-3;
   const PseudoTrackingResult found = pseudoTracking(series);
   for (float a : found.acceleration) EXPECT_NEAR(a, 0, 1e-4);
-  EXPECT_EQ(unknown(found), 0u);
+  EXPECT_EQ(unknown(found), 2u); // two corners, which the flow only touches
 }
 
 TEST(PseudoTracking, DoesNotDependOnTheNumberOfThreads) {
