@@ -223,12 +223,13 @@ std::string table(const std::string& title, PressureCaseOptions options, int rep
          "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n";
   for (std::size_t s = 0; s < all.size(); ++s) {
     const Row& row = rows[s];
-    char line[256];
+    char wall[16] = "-", line[256];
+    if (options.maskDiameter > 0) std::snprintf(wall, sizeof wall, "%.3f %%", 100 * row.white.wall);
     std::snprintf(line, sizeof line,
-                  "| %s | %.3f %% | %.3f %% | %.3f %% | %.3f | %.2f %% | %.2f | %d | %.3f | %.2f |\n",
-                  all[s].name.c_str(), 100 * row.clean.all, 100 * row.white.all, 100 * row.white.wall,
-                  row.amplification[0], 100 * row.correlated.all, row.amplification[1], row.iterations,
-                  median(row.seconds), median(row.seconds) / median(rows[0].seconds));
+                  "| %s | %.3f %% | %.3f %% | %s | %.3f | %.2f %% | %.2f | %d | %.3f | %.2f |\n",
+                  all[s].name.c_str(), 100 * row.clean.all, 100 * row.white.all, wall, row.amplification[0],
+                  100 * row.correlated.all, row.amplification[1], row.iterations, median(row.seconds),
+                  median(row.seconds) / median(rows[0].seconds));
     out << line;
   }
   out << "\n";
@@ -269,9 +270,9 @@ int main(int argc, char** argv) {
     }
     if (argument.rfind("--benchmark_", 0) == 0) continue; // for the other benchmarks of the same command
     std::cerr << "usage: BenchPressure [--grids=64,paper,128,256] [--repetitions=9] [--page=FILE]\n";
-    return 1;
+    return argument == "--help" ? 0 : 1;
   }
-  std::string tables = "Measured with " + std::to_string(omp_get_max_threads()) + " threads.\n\n";
+  std::string tables = "Threads: " + std::to_string(omp_get_max_threads()) + ".\n\n";
   std::cout << tables;
   const auto add = [&](const std::string& title, const PressureCaseOptions& options) {
     const std::string one = table(title, options, repetitions);
