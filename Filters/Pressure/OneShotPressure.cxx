@@ -76,7 +76,7 @@ public:
   }
 
   /// q = A p; returns p . q.
-  double apply(const std::vector<float>& p, std::vector<double>& q) const {
+  double apply(const Eigen::VectorXf& p, Eigen::VectorXd& q) const {
     const int n = grid_.n[0];
     return sumOverRows<double, 1>(grid_, 0, [&](int j, int k, auto&) {
       const std::size_t row = grid_.index(0, j, k);
@@ -107,11 +107,11 @@ private:
 };
 
 // b_i = -sum of w t_i t_j d_ij
-std::vector<double> rightHandSide(const PressureProblem& problem, const GraphLaplacian& a, int order) {
+Eigen::VectorXd rightHandSide(const PressureProblem& problem, const GraphLaplacian& a, int order) {
   const Grid& g = problem.grid;
   const PressureLinks links(problem, order);
   const float* t = a.nodeWeights().data();
-  std::vector<double> b(g.size(), 0);
+  Eigen::VectorXd b = Eigen::VectorXd::Zero(g.size());
   forEachRow<double>(g, 1, [&](int j, int k, RowBuffers<double>& rows) {
     const std::size_t row = g.index(0, j, k);
     double *sum = b.data() + row, *d = rows(0);
@@ -134,16 +134,11 @@ std::vector<double> rightHandSide(const PressureProblem& problem, const GraphLap
   return b;
 }
 
-// Vector operations on nodes, summed layer by layer: independent of the number of threads.
+// The sum of f(segment of nodes), independent of the number of threads
 template <class F>
-double sumOverNodes(const Grid& grid, F&& f) {
-  return sumOverRows<double, 1>(grid, 0, [&](int j, int k, auto&) {
-    const std::size_t start = grid.index(0, j, k), end = start + grid.n[0];
-    double sum = 0;
-#pragma omp simd reduction(+ : sum)
-    for (std::size_t p = start; p < end; ++p) sum += f(p);
-    return std::array<double, 1>{sum};
-  })[0];
+double sumOverSegments(const Grid& grid, F&& f) {
+  return sumOverRows<double, 1>(
+      grid, 0, [&](int j, int k, auto&) { return std::array<double, 1>{f(grid.index(0, j, k))}; })[0];
 }
 
 // The exact inverse on the whole box, a good approximation to that on any part of it, so that iterations
@@ -159,9 +154,9 @@ public:
     for (std::size_t p = 0; p < a.grid().size(); ++p)
       if (a.nodeWeights()[p] < 1 && a.diagonal(p) > 0) wall_.push_back({p, 1 / a.diagonal(p)});
   }
-  void apply(const std::vector<double>& r, std::vector<float>& z) const {
+  void apply(const Eigen::VectorXd& r, Eigen::VectorXf& z) const {
 #pragma omp parallel for schedule(static)
-    for (std::size_t p = 0; p < z.size(); ++p) z[p] = float(r[p]);
+    for (Eigen::Index p = 0; p < z.size(); ++p) z[p] = float(r[p]);
     box_.solve(z.data());
     for (const auto& [p, inverse] : wall_) z[p] += float(inverse * r[p]);
   }
@@ -197,12 +192,16 @@ PressureSolution oneShotPressure(const PressureProblem& problem, const OneShotOp
   }
   const GraphLaplacian a(g, nodeWeights(problem, options.wallWeight));
   const BoxAndWall preconditioner(a);
-  std::vector<double> r = rightHandSide(problem, a, options.order), x(g.size(), 0), q(g.size());
-  std::vector<float> z(g.size()), p(g.size(), 0);
-  const double norm =
-      std::sqrt(sumOverNodes(g, [&](std::size_t i) { return r[i] * r[i]; })); // of the right-hand side
-  if (norm > 0)
-    for (double& value : r) value /= norm; // so that float does for z and p
+  const Eigen::Index n = g.n[0];
+  const auto dot = [&](const Eigen::VectorXd& u, const auto& v) {
+    return sumOverSegments(
+        g, [&](std::size_t i) { return u.segment(i, n).dot(v.segment(i, n).template cast<double>()); });
+  };
+  Eigen::VectorXd r = rightHandSide(problem, a, options.order), q(g.size()),
+                  x = Eigen::VectorXd::Zero(g.size());
+  Eigen::VectorXf z(g.size()), p = Eigen::VectorXf::Zero(g.size());
+  const double norm = std::sqrt(dot(r, r));
+  if (norm > 0) r /= norm; // so that float does for z and p
   double rr = norm > 0 ? 1 : 0, rz = 1;
   // Preconditioned conjugate gradients. Region by region, r has mean 0, so the constants that z brings do no
   // harm.
@@ -213,24 +212,24 @@ PressureSolution oneShotPressure(const PressureProblem& problem, const OneShotOp
       return out;
     }
     preconditioner.apply(r, z);
-    const double rzNew = sumOverNodes(g, [&](std::size_t i) { return r[i] * z[i]; });
-    const double beta = out.iterations == 0 ? 0 : rzNew / rz;
+    const double rzNew = dot(r, z), beta = out.iterations == 0 ? 0 : rzNew / rz;
     rz = rzNew;
-#pragma omp parallel for schedule(static)
-    for (std::size_t i = 0; i < p.size(); ++i) p[i] = float(z[i] + beta * p[i]);
+    forEachRow<float>(g, 0, [&](int j, int k, auto&) {
+      const std::size_t i = g.index(0, j, k);
+      p.segment(i, n) = z.segment(i, n) + float(beta) * p.segment(i, n);
+    });
     const double alpha = rz / a.apply(p, q);
-    rr = sumOverNodes(g, [&](std::size_t i) {
-      x[i] += alpha * p[i];
-      r[i] -= alpha * q[i];
-      return r[i] * r[i];
+    rr = sumOverSegments(g, [&](std::size_t i) {
+      x.segment(i, n) += alpha * p.segment(i, n).cast<double>();
+      r.segment(i, n) -= alpha * q.segment(i, n);
+      return r.segment(i, n).squaredNorm();
     });
   }
   out.residual = std::sqrt(rr);
-#pragma omp parallel for schedule(static)
-  for (std::size_t i = 0; i < x.size(); ++i) x[i] *= norm;
+  x *= norm;
   FluidRegions regions = fluidRegions(g, problem.mask);
-  removeRegionMeans(regions, x);
-  out.pressure.assign(x.begin(), x.end());
+  removeRegionMeans(regions, x.data());
+  out.pressure.assign(x.data(), x.data() + x.size());
   out.region = std::move(regions.region);
   out.regions = regions.count;
   return out;
