@@ -29,10 +29,9 @@ def _series(ax, time, values, colour, label, sigma=None, scale=1.0):
 
 
 def _finish(axes):
+    axes[0].legend(loc="lower center", bbox_to_anchor=(0.5, 1.06), ncols=4, fontsize=9, frameon=False)
     for ax in axes:
         ax.grid(alpha=0.3)
-        if ax.get_legend_handles_labels()[0]:
-            ax.legend(fontsize=8, ncols=2)
     axes[-1].set_xlabel("time [s]")
     axes[-1].ticklabel_format(axis="x", useOffset=False)
 
@@ -45,7 +44,7 @@ def plot_forces(t, f, run):
     for e, colour in zip(forces.estimates(f), colours):
         _series(axes[0], t.time, f.drag(e.force), colour, e.name, e.drag_sigma, scale)
         _series(axes[1], t.time, np.linalg.norm(f.lift(e.force), axis=1), colour, e.name, e.lift_sigma, scale)
-    _series(axes[0], t.time, f.drag(f.vector("Fp")), "#7fa3d1", "surface, pressure alone", None, scale)
+    _series(axes[0], t.time, f.drag(f.vector("Fp")), "#7fa3d1", "pressure alone", None, scale)
     axes[0].axhline(0, color="0.5", lw=0.8, ls=":")
     axes[0].set_ylabel(f"drag [{unit}]")
     axes[1].set_ylabel(f"lift, magnitude [{unit}]")
@@ -67,7 +66,7 @@ def plot_coefficients(t, f, run):
         _series(axes[0], t.time, cd, colour, e.name, sigma)
         _series(axes[1], t.time, cl, colour, e.name, e.lift_sigma / f.reference)
     reynolds = np.linalg.norm(t.velocity, axis=1) * t.diameter / run["settings"]["viscosity_m2_s"]
-    _series(axes[0], t.time, forces.standard_drag(reynolds), "0.5", "fixed sphere at the same Reynolds number")
+    _series(axes[0], t.time, forces.standard_drag(reynolds), "0.5", "fixed sphere at this Reynolds number")
     axes[0].set_ylabel("drag coefficient Cd")
     axes[1].set_ylabel("lift coefficient Cl")
     axes[1].set_ylim(bottom=0)

@@ -9,7 +9,7 @@ from rimflow.files import replacing
 from rimflow.force_report import LETTERS
 
 SIZE, TITLE = (1400, 1050), 60  # pixels; TITLE: height of the strip above the picture
-TILE = (520, 520)
+TILE, TALL_TILE = (520, 520), (520, 780)
 
 
 def draw(out, trajectory, tracks, up, forces=None):
@@ -42,7 +42,8 @@ def surface_pressure(simple, out, trajectory, forces, up):
     for row in forces.instants:
         scene = Scene(simple, out, trajectory, row, up)
         tiles.append([scene.pressure_tile(limit, view) for view in ("side", "front", "rear")])
-    figure, axes = plt.subplots(3, len(tiles), figsize=(3.4 * len(tiles) + 1.2, 10.6), layout="constrained", squeeze=False)
+    figure, axes = plt.subplots(3, len(tiles), figsize=(3.2 * len(tiles) + 1.2, 11.5), layout="constrained", squeeze=False,
+                                gridspec_kw={"height_ratios": (TALL_TILE[1], TILE[1], TILE[1])})
     for column, letter, row in zip(range(len(tiles)), LETTERS, forces.instants):
         axes[0, column].set_title(f"{letter}: {trajectory.time[row]:.6g} s")
         for ax, tile in zip(axes[:, column], tiles[column]):
@@ -151,22 +152,23 @@ class Scene:
 
     def pressure_tile(self, limit, side):
         """The pressure on the sphere, seen from the side (with the vortices where there are fields), its front or its rear."""
-        view = self.view(TILE)
+        size = TALL_TILE if side == "side" else TILE
+        view = self.view(size)
         view.OrientationAxesVisibility = 0
         ball = self.colour(view, self.sphere, "Pressure", -limit, limit, None, component=None, preset="Cool to Warm")
-        ball.Ambient, ball.Diffuse, ball.Specular = 0.35, 0.65, 0.0
+        ball.Ambient, ball.Diffuse, ball.Specular = 0.6, 0.4, 0.0  # mostly flat, so that the colour is that of the scale
         ahead = self.motion / self.speed
         if side == "side":
             if os.path.exists(os.path.join(self.out, "fields.pvd")):
                 shown = self.simple.Show(self.q_surface(self.fields()), view)
                 self.simple.ColorBy(shown, None)
                 shown.DiffuseColor, shown.Opacity = [0.45, 0.5, 0.45], 0.3
-            self.aim(view, self.centre - 0.7 * self.diameter * self.up, self.across, self.up, 3.2)
+            self.aim(view, self.centre - 0.8 * self.diameter * self.up, self.across, self.up, 3.3)
         else:
             self.aim(view, self.centre, ahead if side == "front" else -ahead, self.across, 1.25)
         with tempfile.TemporaryDirectory() as folder:
             path = os.path.join(folder, "tile.png")
-            self.simple.SaveScreenshot(path, view, ImageResolution=TILE)
+            self.simple.SaveScreenshot(path, view, ImageResolution=size)
             tile = plt.imread(path)
         self.simple.Delete(view)
         return tile
