@@ -42,7 +42,10 @@ add_library(rimflow_kernels STATIC
   Filters/Pressure/PressureGradient.cxx
   Filters/Pressure/PseudoTracking.cxx
   Filters/Pressure/UnexplainedGradient.cxx
+  Filters/Forces/ControlVolume.cxx
   Filters/Forces/SurfaceForce.cxx
+  Filters/Forces/WallFriction.cxx
+  Filters/Forces/WallPressure.cxx
 )
 target_include_directories(rimflow_kernels PUBLIC
   ${CMAKE_SOURCE_DIR}/Readers
