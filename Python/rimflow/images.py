@@ -38,10 +38,7 @@ def surface_pressure(simple, out, trajectory, forces, up):
     """surface.png: a column per instant; the pressure on the sphere with the vortices from the side, and from the front and the rear."""
     low, high = np.percentile(np.concatenate([pressure for _, pressure in forces.surfaces.values()]), [0.5, 99.5])
     limit = max(abs(low), abs(high), 1e-12)
-    tiles = []
-    for row in forces.instants:
-        scene = Scene(simple, out, trajectory, row, up)
-        tiles.append([scene.pressure_tile(limit, view) for view in ("side", "front", "rear")])
+    tiles = [Scene(simple, out, trajectory, row, up).pressure_tiles(limit) for row in forces.instants]
     figure, axes = plt.subplots(3, len(tiles), figsize=(3.2 * len(tiles) + 1.2, 11.5), layout="constrained", squeeze=False,
                                 gridspec_kw={"height_ratios": (TALL_TILE[1], TILE[1], TILE[1])})
     for column, letter, row in zip(range(len(tiles)), LETTERS, forces.instants):
@@ -150,28 +147,35 @@ class Scene:
         view.CameraParallelScale = 0.5 * distance * self.diameter
         self.simple.Render(view)
 
-    def pressure_tile(self, limit, side):
-        """The pressure on the sphere, seen from the side (with the vortices where there are fields), its front or its rear."""
-        size = TALL_TILE if side == "side" else TILE
-        view = self.view(size)
+    def pressure_tiles(self, limit):
+        """Pictures of the pressure on the sphere: from the side, with the vortices where there are fields, from its front and its rear."""
+        view = self.view(TALL_TILE)
         view.OrientationAxesVisibility = 0
         ball = self.colour(view, self.sphere, "Pressure", -limit, limit, None, component=None, preset="Cool to Warm")
         ball.Ambient, ball.Diffuse, ball.Specular = 0.6, 0.4, 0.0  # mostly flat, so that the colour is that of the scale
+        vortices = None
+        if os.path.exists(os.path.join(self.out, "fields.pvd")):
+            vortices = self.simple.Show(self.q_surface(self.fields()), view)
+            self.simple.ColorBy(vortices, None)
+            vortices.DiffuseColor, vortices.Opacity = [0.45, 0.5, 0.45], 0.3
         ahead = self.motion / self.speed
-        if side == "side":
-            if os.path.exists(os.path.join(self.out, "fields.pvd")):
-                shown = self.simple.Show(self.q_surface(self.fields()), view)
-                self.simple.ColorBy(shown, None)
-                shown.DiffuseColor, shown.Opacity = [0.45, 0.5, 0.45], 0.3
-            self.aim(view, self.centre - 0.8 * self.diameter * self.up, self.across, self.up, 3.3)
-        else:
-            self.aim(view, self.centre, ahead if side == "front" else -ahead, self.across, 1.25)
-        with tempfile.TemporaryDirectory() as folder:
-            path = os.path.join(folder, "tile.png")
-            self.simple.SaveScreenshot(path, view, ImageResolution=size)
-            tile = plt.imread(path)
+        self.aim(view, self.centre - 0.8 * self.diameter * self.up, self.across, self.up, 3.3)
+        tiles = [self.shot(view, TALL_TILE)]
+        if vortices:
+            vortices.Visibility = 0
+        view.ViewSize = TILE
+        for direction in (ahead, -ahead):
+            self.aim(view, self.centre, direction, self.across, 1.25)
+            tiles.append(self.shot(view, TILE))
         self.simple.Delete(view)
-        return tile
+        return tiles
+
+    def shot(self, view, size):
+        """What the view shows, as an array."""
+        with tempfile.TemporaryDirectory() as folder:
+            path = os.path.join(folder, "shot.png")
+            self.simple.SaveScreenshot(path, view, ImageResolution=size)
+            return plt.imread(path)
 
     def q_surface(self, flow):
         """An iso-surface of Q at a quarter of (V/d)^2, the scale of the gradients that the sphere's motion makes."""
