@@ -157,9 +157,9 @@ class Scene:
         if os.path.exists(os.path.join(self.out, "fields.pvd")):
             vortices = self.simple.Show(self.q_surface(self.fields()), view)
             self.simple.ColorBy(vortices, None)
-            vortices.DiffuseColor, vortices.Opacity = [0.45, 0.5, 0.45], 0.3
+            vortices.DiffuseColor, vortices.Opacity = [0.5, 0.55, 0.5], 0.25
         ahead = self.motion / self.speed
-        self.aim(view, self.centre - 0.8 * self.diameter * self.up, self.across, self.up, 3.3)
+        self.aim(view, self.centre - 0.65 * self.diameter * self.up, self.across, self.up, 2.8)
         tiles = [self.shot(view, TALL_TILE)]
         if vortices:
             vortices.Visibility = 0

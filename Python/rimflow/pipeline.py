@@ -297,7 +297,7 @@ def smooth(times, centres, covariances, status, diameter, walls=()):
     errors.check()
     output = smoother.GetOutput().GetPointData()
     return {name: vtk_to_numpy(output.GetArray(name)).copy()
-            for name in ("Centre", "Velocity", "Acceleration", "Covariance", "VelocitySigma", "AngularVelocity",
+            for name in ("Centre", "Velocity", "Acceleration", "Covariance", "VelocitySigma", "AccelerationSigma", "AngularVelocity",
                          "AngularVelocitySigma", "Status")}
 
 
@@ -314,7 +314,7 @@ def body(trajectory, row):
     add_array(data.GetFieldData(), "Status", np.array([int(trajectory.status[row])], np.int32))
     if trajectory.status[row] != 2:
         for name, values in (("Centre", trajectory.centre), ("Velocity", trajectory.velocity), ("Acceleration", trajectory.acceleration),
-                             ("Covariance", trajectory.covariance)):
+                             ("AccelerationSigma", trajectory.acceleration_sigma), ("Covariance", trajectory.covariance)):
             add_array(data.GetFieldData(), name, values[row][None, :])
         if rotates(trajectory.rotation[row], trajectory.rotation_sigma[row]):
             add_array(data.GetFieldData(), "AngularVelocity", trajectory.rotation[row][None, :])

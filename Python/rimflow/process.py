@@ -41,6 +41,7 @@ class Trajectory:
     acceleration: np.ndarray    # (n, 3)
     covariance: np.ndarray      # (n, 6): xx yy zz xy yz xz, of the smoothed centre
     velocity_sigma: np.ndarray  # (n, 3)
+    acceleration_sigma: np.ndarray  # (n, 3)
     rotation: np.ndarray        # (n, 3), angular velocity, rad/s
     rotation_sigma: np.ndarray  # (n, 3); -1: the rotation is not known
     raw: np.ndarray             # (n, 3), the single-snapshot estimate
@@ -278,10 +279,11 @@ class Run:
         return "no forces" if self.with_forces else "no pressure"
 
     def say(self, run):
-        counts, drag = run["snapshots"], run["forces"].get("surface")
-        if drag:
-            print(f"Drag coefficient {drag['Cd_mean']:.3f} on average over {drag['snapshots']} snapshots, "
-                  f"{drag['Cd_std']:.3f} its standard deviation over time.")
+        counts, found = run["snapshots"], run["forces"]
+        if found:
+            print("Drag coefficient, mean and standard deviation over time: " + ", ".join(
+                f"{found[key]['Cd_mean']:.3f} +- {found[key]['Cd_std']:.3f} ({name})"
+                for key, name in (("surface", "surface"), ("control_volume", "control volume"), ("motion", "motion and buoyancy")) if key in found))
         print(f"{counts['selected']} snapshots: {counts['found']} found, {counts['predicted']} predicted, {counts['lost']} lost. "
               f"See {self.path('report', 'index.html')}")
         for k, text in run["problems"]:
@@ -319,7 +321,7 @@ def assembled(records, diameter, smoothed):
     return Trajectory(
         diameter=diameter, snapshot=np.array([r["snapshot"] for r in records]), time=np.array([r["time_s"] for r in records], float),
         status=smoothed["Status"], centre=smoothed["Centre"], velocity=smoothed["Velocity"], acceleration=smoothed["Acceleration"],
-        covariance=smoothed["Covariance"], velocity_sigma=smoothed["VelocitySigma"],
+        covariance=smoothed["Covariance"], velocity_sigma=smoothed["VelocitySigma"], acceleration_sigma=smoothed["AccelerationSigma"],
         rotation=smoothed["AngularVelocity"], rotation_sigma=smoothed["AngularVelocitySigma"], raw=raw, raw_sigma=np.sqrt(raw_covariance[:, :3]),
         particles_inside=np.array([r.get("particles_inside", -1) for r in records]),
         cost=np.array([r.get("cost", np.nan) for r in records], float))

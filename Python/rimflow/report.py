@@ -205,4 +205,4 @@ def image_caption(name):
     return {"tracks.png": "Particle tracks, coloured by their speed, and the sphere that was found among them",
             "vortices.png": "Vortices (iso-surface of the Q-criterion, coloured by the velocity along the sphere's motion) and the sphere",
             "slice.png": "Velocity in the plane through the sphere's centre",
-            "surface.png": "Pressure on the sphere at the instants A to D of the plots over time, from the side and from below"}.get(name, name)
+            "surface.png": "Pressure on the sphere at the instants A to D of the plots over time, from the side, the front and the rear"}.get(name, name)
