@@ -54,8 +54,8 @@ class TestForces(unittest.TestCase):
             self.assertGreater(ahead[pressure.argmax()], 0.9)
 
     def test_plot_data_over_time(self):
-        pipeline = Pipeline(0.0016)
-        plot = simple.PlotDataOverTime(Input=simple.OutputPort(pipeline.force, 1), OnlyReportSelectionStatistics=0)
+        pipeline = Pipeline(0.002)
+        plot = simple.PlotDataOverTime(Input=simple.OutputPort(pipeline.force, 1), FieldAssociation="Rows", OnlyReportSelectionStatistics=0)
         plot.UpdatePipeline()
         table = simple.servermanager.Fetch(plot).GetBlock(0)
         self.assertEqual(table.GetNumberOfRows(), 16)
@@ -81,9 +81,11 @@ class TestForces(unittest.TestCase):
         gradient, acceleration = (vtk_to_numpy(image.GetArray(name)) for name in ("PressureGradient", "MaterialAcceleration"))
         difference = gradient + 1820 * acceleration  # but for the viscous part
         self.assertLess((difference**2).mean(), 0.05 * (gradient**2).mean())
-        force = simple.SurfaceForce(Input=pressure, Body=tracks)
-        self.assertEqual(list(force.PressureArray), ["POINTS", "(by name)"])
-        simple.Delete(force)
+        vortices = simple.QCriterion(Input=pressure)  # its scalars are the active ones now
+        vortices.UpdatePipeline(tracks.TimestepValues[1])
+        force = simple.SurfaceForce(Input=vortices, Body=tracks)
+        for name in ("VelocityArray", "AccelerationArray", "PressureArray", "PressureGradientArray"):
+            self.assertEqual(list(getattr(force, name)), ["POINTS", "(by name)"])
 
 
 if __name__ == "__main__":
