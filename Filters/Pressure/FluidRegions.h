@@ -17,6 +17,6 @@ FluidRegions fluidRegions(const Grid& grid, const unsigned char* mask);
 
 /// Takes the mean over each region away from a field, one number per node; sets it to 0 where there is no
 /// fluid.
-void removeRegionMeans(const FluidRegions& regions, std::vector<double>& field);
+void removeRegionMeans(const FluidRegions& regions, double* field);
 
 } // namespace rimflow

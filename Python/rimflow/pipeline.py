@@ -165,6 +165,8 @@ class FlowChain:
         self.force.SetBodyDensity(options.body_density or 0)
         self.force.SetGravity(*gravity(options))
         self.errors.watch(self.resample, self.vortices, self.pressure, self.force)
+        self.resample.UpdateInformation()  # reads a snapshot from the middle of the series: where that one is broken, this is not ...
+        self.errors.messages.clear()       # ... the fault of the snapshot that comes first
 
     def compute(self, time, body):
         """The Flow at one time around a Body; without its `Centre` there are no forces. Raises nothing for what the filters report."""
