@@ -22,8 +22,8 @@ from rimflow.vtkRIMFlowFilters import (vtkInvisibleSphereLocator, vtkOmni3DPress
 from rimflow.vtkRIMFlowReaders import vtkSTBTrackReader
 
 FIELD_ARRAYS = ("Velocity", "MaterialAcceleration", "Vorticity", "QCriterion", "Pressure", "PressureError", "Mask", "vtkGhostType")
-# chi-squared of three components that a sphere at rest exceeds as seldom as a normal variable its three standard deviations (0.27 %)
-SIGNIFICANT_ROTATION = 14.16
+# chi-squared that three components of pure noise exceed as seldom as a normal variable its three standard deviations (0.27 %)
+SIGNIFICANT = 14.16
 
 
 class PipelineError(Exception):
@@ -165,13 +165,15 @@ class FlowChain:
         self.force.SetBodyDensity(options.body_density or 0)
         self.force.SetGravity(*gravity(options))
         self.errors.watch(self.resample, self.vortices, self.pressure, self.force)
+        self.resample.UpdateInformation()  # reads a snapshot from the middle of the series: where that one is broken, this is not ...
+        self.errors.messages.clear()       # ... the fault of the snapshot that comes first
 
     def compute(self, time, body):
         """The Flow at one time around a Body; without its `Centre` there are no forces. Raises nothing for what the filters report."""
         known = bool(body.GetFieldData().GetArray("Centre"))
-        for filter in (self.resample, self.pressure):
-            filter.SetInputDataObject(1, body) if known else filter.SetInputConnection(1, None)
-        self.force.SetInputDataObject(1, body)
+        moving = wall(body) if known else None
+        for step in (self.resample, self.pressure, self.force):
+            step.SetInputDataObject(1, moving)
         flow = Flow()
         try:
             for name, step in (("flow", self.vortices), ("pressure", self.pressure)):
@@ -184,6 +186,7 @@ class FlowChain:
                 if numbers["drag_N"] is None:
                     raise PipelineError(flow.note)
                 flow.forces, flow.surface = numbers, _kept(self.force.GetOutputDataObject(0))
+                flow.surface.GetFieldData().AddArray(body.GetFieldData().GetArray("Acceleration"))
         except PipelineError as error:
             flow.failed = str(error)
         return flow
@@ -301,9 +304,9 @@ def smooth(times, centres, covariances, status, diameter, walls=()):
                          "AngularVelocitySigma", "Status")}
 
 
-def rotates(rotation, sigma):
-    """Whether a rotation rate is significant. sigma: per component; not positive where the rotation is not known."""
-    return bool(np.all(sigma > 0) and np.sum((rotation / sigma)**2) > SIGNIFICANT_ROTATION)
+def significant(vector, sigma):
+    """Whether a vector is more than noise. sigma: per component; not positive where the vector is not known."""
+    return bool(np.all(sigma > 0) and np.sum((vector / sigma)**2) > SIGNIFICANT)
 
 
 def body(trajectory, row):
@@ -316,10 +319,20 @@ def body(trajectory, row):
         for name, values in (("Centre", trajectory.centre), ("Velocity", trajectory.velocity), ("Acceleration", trajectory.acceleration),
                              ("AccelerationSigma", trajectory.acceleration_sigma), ("Covariance", trajectory.covariance)):
             add_array(data.GetFieldData(), name, values[row][None, :])
-        if rotates(trajectory.rotation[row], trajectory.rotation_sigma[row]):
+        if significant(trajectory.rotation[row], trajectory.rotation_sigma[row]):
             add_array(data.GetFieldData(), "AngularVelocity", trajectory.rotation[row][None, :])
         add_array(data.GetFieldData(), "Diameter", np.array([trajectory.diameter]))
     return data
+
+
+def wall(body_data):
+    """The Body as the flow is to follow it: without an acceleration that is not significant. The wall's acceleration is taken for
+    certain; that of a few snapshots is not, and would falsify the pressure and the momentum balance."""
+    copy = _kept(body_data)
+    arrays = copy.GetFieldData()
+    if arrays.GetArray("Acceleration") and not significant(*(vtk_to_numpy(arrays.GetArray(name))[0] for name in ("Acceleration", "AccelerationSigma"))):
+        arrays.RemoveArray("Acceleration")
+    return copy
 
 
 def sphere(body_data):
