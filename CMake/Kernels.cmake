@@ -36,11 +36,16 @@ add_library(rimflow_kernels STATIC
   Filters/Locator/TrajectorySmoother.cxx
   Filters/Locator/VoidLikelihood.cxx
   Filters/Vortices/QCriterionKernel.cxx
+  Filters/Pressure/FluidRegions.cxx
   Filters/Pressure/OneShotPressure.cxx
   Filters/Pressure/ParallelLinePressure.cxx
   Filters/Pressure/PressureGradient.cxx
   Filters/Pressure/PseudoTracking.cxx
+  Filters/Forces/ControlVolume.cxx
+  Filters/Pressure/UnexplainedGradient.cxx
   Filters/Forces/SurfaceForce.cxx
+  Filters/Forces/WallFriction.cxx
+  Filters/Forces/WallPressure.cxx
 )
 target_include_directories(rimflow_kernels PUBLIC
   ${CMAKE_SOURCE_DIR}/Readers

@@ -1,9 +1,315 @@
 #include "SurfaceForce.h"
+#include "ControlVolume.h"
+#include "GeodesicSphere.h"
+#include "WallFriction.h"
+#include "WallPressure.h"
 
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <limits>
+#include <queue>
 #include <stdexcept>
 
 namespace rimflow {
-ForceResult surfaceForce(const ForceFields&, const Body&, const ForceOptions&) {
-  throw std::logic_error("not written yet");
+
+namespace {
+
+using Vec = Eigen::Vector3d;
+
+void require(bool condition, const std::string& message) {
+  if (!condition) throw std::invalid_argument(message);
 }
+
+bool isCovariance(const Eigen::Matrix3d& c) {
+  return c.allFinite() && c.isApprox(c.transpose(), 1e-6) && (c.diagonal().array() >= 0).all();
+}
+
+void check(const ForceFields& f, const Body& body, const ForceOptions& o) {
+  require(f.velocity && f.acceleration && f.pressure && f.pressureGradient,
+          "velocity, acceleration, pressure and pressure gradient are needed");
+  for (int a = 0; a < 3; ++a)
+    require(f.grid.n[a] >= 2 && f.grid.spacing[a] > 0, "the grid needs two nodes and a spacing per axis");
+  require(std::isfinite(body.diameter) && body.diameter > 0, "the body's diameter must be greater than 0");
+  require(body.centre.allFinite() && body.velocity.allFinite() && body.acceleration.allFinite() &&
+              body.angularVelocity.allFinite(),
+          "the body's motion must be finite");
+  require(std::isfinite(o.density) && o.density > 0, "the density must be greater than 0");
+  require(std::isfinite(o.viscosity) && o.viscosity >= 0, "the viscosity must not be negative");
+  require(std::isfinite(o.bodyDensity) && o.bodyDensity >= 0, "the body's density must not be negative");
+  require(o.gravity.allFinite(), "gravity must be finite");
+  require(std::isfinite(o.controlVolumeRadius) && o.controlVolumeRadius >= 0,
+          "the control volume's radius must not be negative");
+  require(isCovariance(o.centreCovariance) && isCovariance(o.accelerationCovariance),
+          "a covariance must be symmetric and finite");
+}
+
+/// Distance of the body's centre from the nearest face of the grid, m; negative outside.
+double distanceFromFaces(const Grid& g, const Vec& x) {
+  double least = std::numeric_limits<double>::infinity();
+  for (int a = 0; a < 3; ++a) {
+    const double end = g.origin[a] + (g.n[a] - 1) * g.spacing[a];
+    least = std::min({least, x[a] - g.origin[a], end - x[a]});
+  }
+  return least;
+}
+
+/// Thickness of the boundary layer, d/sqrt(Re), m; 0 without viscosity.
+double boundaryLayer(const Body& body, double speed, double viscosity) {
+  return viscosity > 0 ? std::sqrt(body.diameter * viscosity / std::max(speed, 1e-300)) : 0;
+}
+
+/// Speed of the fluid as seen from the body: the largest of the root mean squares on its six sides would be
+/// the outer flow's; the body's own where the fluid is at rest.
+double relativeSpeed(const FluidNodes& fluid) {
+  const Body& body = fluid.body();
+  double sum = 0, count = 0;
+  const double reach = 0.5 * body.diameter + 3 * fluid.spacing();
+  forEachNodeNear(fluid.grid(), body.centre.data(), reach, [&](int i, int j, int k) {
+    const double distance = body.signedDistance(fluid.position(i, j, k));
+    if (distance < fluid.spacing() || distance > 3 * fluid.spacing() || !fluid.hold(i, j, k)) return;
+    sum += (fluid.velocity(fluid.grid().index(i, j, k)) - body.velocity).squaredNorm();
+    count += 1;
+  });
+  return std::max(body.velocity.norm(), count > 0 ? std::sqrt(sum / count) : 0);
+}
+
+/// The shell of the momentum balance: from two spacings off the wall out to the radius asked for, or as far
+/// as the grid allows, up to 2 d. It takes at least four spacings, even if the faces cut it then.
+ControlShell controlShell(const FluidNodes& fluid, double radius) {
+  const double R = 0.5 * fluid.body().diameter, h = fluid.spacing();
+  const double room = distanceFromFaces(fluid.grid(), fluid.body().centre);
+  ControlShell shell;
+  shell.outer = radius > 0 ? radius : std::min(4 * R, room);
+  shell.outer = std::max(shell.outer, R + 5 * h);
+  shell.inner = R + std::min(1.5 * h, 0.25 * (shell.outer - R));
+  return shell;
+}
+
+/// What depends on where the body is.
+struct Forces {
+  std::vector<double> pressure; ///< at each point, Pa
+  std::vector<Vec> shear;       ///< at each point, Pa
+  Vec pressureForce = Vec::Zero(), friction = Vec::Zero();
+  MomentumBalance balance;
+};
+
+class Surface {
+public:
+  Surface(const ForceFields& fields, const Body& body, const ForceOptions& options)
+      : fields_(fields), options_(options), sphere_(options.surfaceResolution) {
+    const FluidNodes fluid(fields, body);
+    const double h = fluid.spacing(), R = 0.5 * body.diameter;
+    const double layer = boundaryLayer(body, relativeSpeed(fluid), options.viscosity);
+    layer_ = layer;
+    wallLayer_ = std::clamp(layer, 0.25 * h, 0.3 * R);
+    shell_ = controlShell(fluid, options.controlVolumeRadius);
+    wholeBodyInside_ = distanceFromFaces(fields.grid, body.centre) > R;
+    for (const Vec& n : sphere_.points) seen_.push_back(sees(fluid, body.centre + R * n));
+  }
+
+  const GeodesicSphere& sphere() const { return sphere_; }
+  const std::vector<unsigned char>& seen() const { return seen_; }
+  const ControlShell& shell() const { return shell_; }
+  bool wholeBodyInside() const { return wholeBodyInside_; }
+
+  Forces forces(const Body& body) const {
+    const FluidNodes fluid(fields_, body);
+    const double mu = options_.density * options_.viscosity, R = 0.5 * body.diameter;
+    Forces f;
+    f.pressure = wallPressure(fluid, sphere_.points);
+    carryOver(f.pressure);
+    f.shear.assign(sphere_.points.size(), Vec::Zero());
+    if (mu > 0) {
+      f.shear = wallShear(fluid, wallLayer_, sphere_.points);
+      for (Vec& s : f.shear) s *= mu;
+      carryOver(f.shear);
+    }
+    for (std::size_t i = 0; i < sphere_.points.size(); ++i) {
+      f.pressureForce -= f.pressure[i] * R * R * sphere_.area[i] * sphere_.points[i];
+      f.friction += R * R * sphere_.area[i] * f.shear[i];
+    }
+    if (wholeBodyInside_)
+      f.balance = momentumBalance(fluid, options_.density, options_.viscosity, layer_, shell_);
+    return f;
+  }
+
+private:
+  /// Whether a node within two and a half spacings holds fluid.
+  static bool sees(const FluidNodes& fluid, const Vec& x) {
+    const double reach = 2.5 * fluid.spacing();
+    bool found = false;
+    forEachNodeNear(fluid.grid(), x.data(), reach, [&](int i, int j, int k) {
+      found = found || ((fluid.position(i, j, k) - x).norm() < reach && fluid.hold(i, j, k));
+    });
+    return found;
+  }
+
+  /// Points that are not seen get the mean of their neighbours, from the edge of what is seen inwards.
+  template <class T>
+  void carryOver(std::vector<T>& values) const {
+    std::vector<unsigned char> known = seen_;
+    while (std::find(known.begin(), known.end(), 0) != known.end()) {
+      std::vector<T> sum(values.size(), T(0 * values[0]));
+      std::vector<int> count(values.size());
+      for (const auto& t : sphere_.triangles)
+        for (int a : t)
+          for (int b : t)
+            if (!known[a] && known[b]) sum[a] += values[b], ++count[a];
+      bool any = false;
+      for (std::size_t i = 0; i < values.size(); ++i)
+        if (count[i] > 0) values[i] = sum[i] / count[i], known[i] = 1, any = true;
+      if (!any) return;
+    }
+  }
+
+  ForceFields fields_;
+  ForceOptions options_;
+  GeodesicSphere sphere_;
+  std::vector<unsigned char> seen_;
+  ControlShell shell_;
+  double layer_ = 0, wallLayer_ = 0;
+  bool wholeBodyInside_ = false;
+};
+
+/// Independent deviations of a force by one standard deviation of each source of error.
+struct Deviations {
+  std::vector<Vec> list;
+
+  Vec sigma() const {
+    Vec sum = Vec::Zero();
+    for (const Vec& d : list) sum += d.cwiseAbs2();
+    return sum.cwiseSqrt();
+  }
+  double along(const Vec& e) const {
+    double sum = 0;
+    for (const Vec& d : list) sum += std::pow(d.dot(e), 2);
+    return std::sqrt(sum);
+  }
+  double across(const Vec& e) const {
+    double sum = 0;
+    for (const Vec& d : list) sum += (d - d.dot(e) * e).squaredNorm();
+    return std::sqrt(sum);
+  }
+  void addComponents(const Vec& sigma) {
+    for (int a = 0; a < 3; ++a) list.push_back(sigma[a] * Vec::Unit(a));
+  }
+};
+
+/// Standard deviation of the pressure at x: the mean of the nodes' that are near.
+double pressureSigmaAt(const FluidNodes& fluid, const Vec& x) {
+  double sum = 0, count = 0;
+  const double reach = 2.5 * fluid.spacing();
+  forEachNodeNear(fluid.grid(), x.data(), reach, [&](int i, int j, int k) {
+    if ((fluid.position(i, j, k) - x).norm() > reach || !fluid.hold(i, j, k)) return;
+    sum += fluid.fields().pressureError[fluid.grid().index(i, j, k)];
+    count += 1;
+  });
+  return count > 0 ? sum / count : 0;
+}
+
+void addNote(std::string& note, const std::string& more) { note += (note.empty() ? "" : "; ") + more; }
+
+std::string percent(double share) { return std::to_string(int(std::lround(100 * share))) + " %"; }
+
+} // namespace
+
+ForceResult surfaceForce(const ForceFields& fields, const Body& body, const ForceOptions& options) {
+  check(fields, body, options);
+  const double R = 0.5 * body.diameter;
+  require(distanceFromFaces(fields.grid, body.centre) > -R, "the body lies outside the grid");
+  const FluidNodes fluid(fields, body);
+  const Surface surface(fields, body, options);
+  const GeodesicSphere& sphere = surface.sphere();
+  ForceResult out;
+  out.seen = surface.seen();
+  for (std::size_t i = 0; i < sphere.points.size(); ++i)
+    if (out.seen[i]) out.coverage += sphere.area[i] / (4 * M_PI);
+  require(out.coverage > 0, "no node with fluid is near the body");
+  if (out.coverage > 1 - 1e-9) out.coverage = 1;
+
+  const Forces forces = surface.forces(body);
+  Deviations ofPressure, ofFriction, ofBoth, ofBalance;
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(options.centreCovariance);
+  for (int a = 0; a < 3; ++a) {
+    const double sigma = std::sqrt(std::max(0.0, axes.eigenvalues()[a]));
+    if (sigma <= 0) continue;
+    Body moved = body;
+    moved.centre += sigma * axes.eigenvectors().col(a);
+    const Forces f = surface.forces(moved);
+    ofPressure.list.push_back(f.pressureForce - forces.pressureForce);
+    ofFriction.list.push_back(f.friction - forces.friction);
+    ofBoth.list.push_back(ofPressure.list.back() + ofFriction.list.back());
+    ofBalance.list.push_back(f.balance.force - forces.balance.force);
+  }
+
+  out.pressure = forces.pressure;
+  out.triangles = sphere.triangles;
+  out.normals = sphere.points;
+  out.pressureSigma.assign(sphere.points.size(), 0);
+  Vec pressureVariance = Vec::Zero();
+  constexpr double Patches = 49; // of independent error: as many as the wall pressure has harmonics
+  for (std::size_t i = 0; i < sphere.points.size(); ++i) {
+    const Vec n = sphere.points[i];
+    const double area = R * R * sphere.area[i];
+    out.points.push_back(body.centre + R * n);
+    out.area.push_back(area);
+    out.traction.push_back(-forces.pressure[i] * n + forces.shear[i]);
+    out.torque += area * (R * n).cross(out.traction.back());
+    if (fields.pressureError) {
+      out.pressureSigma[i] = pressureSigmaAt(fluid, out.points.back());
+      pressureVariance +=
+          4 * M_PI * R * R / Patches * area * std::pow(out.pressureSigma[i], 2) * n.cwiseAbs2();
+    }
+  }
+  ofPressure.addComponents(pressureVariance.cwiseSqrt());
+  ofBoth.addComponents(pressureVariance.cwiseSqrt());
+  constexpr double CellsOfOneError = 8; // the pressure's error is alike over two spacings
+  ofBalance.addComponents(std::sqrt(CellsOfOneError) * forces.balance.pressureSigma);
+
+  out.pressureForce = {forces.pressureForce, ofPressure.sigma(), true};
+  out.friction = {forces.friction, ofFriction.sigma(), true};
+  if (out.coverage < 1)
+    addNote(out.note, "only " + percent(out.coverage) + " of the surface is seen, the rest is carried over");
+  if (!surface.wholeBodyInside()) {
+    addNote(out.note, "the body reaches beyond the grid: no control volume");
+  } else if (forces.balance.missing == 1) {
+    addNote(out.note, "no fluid in the control volume");
+  } else {
+    out.controlVolume = {forces.balance.force, ofBalance.sigma(), true};
+    out.controlVolumeRadius = surface.shell().outer;
+    if (forces.balance.cut) addNote(out.note, "the control volume is cut by the grid's faces");
+    if (forces.balance.missing > 0.001)
+      addNote(out.note, percent(forces.balance.missing) + " of the control volume hold no fluid");
+  }
+  if (options.bodyDensity > 0) {
+    const double volume = M_PI / 6 * std::pow(body.diameter, 3), mass = options.bodyDensity * volume;
+    out.inertia.value =
+        mass * body.acceleration - (options.bodyDensity - options.density) * volume * options.gravity;
+    out.inertia.sigma = mass * options.accelerationCovariance.diagonal().cwiseSqrt();
+    out.inertia.known = true;
+  }
+
+  const Vec total = forces.pressureForce + forces.friction;
+  const double speed = body.velocity.norm();
+  const Vec e = speed > 0 ? Vec(body.velocity / speed) : Vec(Vec::Zero());
+  const double scale = 0.5 * options.density * speed * speed * M_PI * R * R;
+  const double none = std::numeric_limits<double>::quiet_NaN();
+  if (speed == 0)
+    addNote(out.note, "the body rests: there is no direction of drag and there are no coefficients");
+  out.drag = -total.dot(e);
+  out.dragSigma = ofBoth.along(e);
+  out.lift = total + out.drag * e;
+  out.liftSigma = ofBoth.across(e);
+  out.dragCoefficient = speed > 0 ? out.drag / scale : none;
+  out.liftCoefficient = speed > 0 ? out.lift.norm() / scale : none;
+  if (out.controlVolume.known) {
+    out.controlVolumeDrag = -out.controlVolume.value.dot(e);
+    out.controlVolumeDragSigma = ofBalance.along(e);
+    out.controlVolumeLift = out.controlVolume.value + out.controlVolumeDrag * e;
+  }
+  out.controlVolumeDragCoefficient =
+      out.controlVolume.known && speed > 0 ? out.controlVolumeDrag / scale : none;
+  return out;
+}
+
 } // namespace rimflow

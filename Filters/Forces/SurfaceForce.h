@@ -1,6 +1,6 @@
 #pragma once
 #include "Body.h"
-#include "Grid.h"
+#include "ForceFields.h"
 
 #include <Eigen/Core>
 #include <array>
@@ -8,17 +8,6 @@
 #include <vector>
 
 namespace rimflow {
-
-/// The flow around the body on a grid; the pointers must outlive the call.
-struct ForceFields {
-  Grid grid;
-  const float* velocity = nullptr;         ///< three per node, m/s
-  const float* acceleration = nullptr;     ///< Du/Dt, three per node, m/s2
-  const float* pressure = nullptr;         ///< dynamic, one per node, Pa
-  const float* pressureGradient = nullptr; ///< three per node, Pa/m
-  const float* pressureError = nullptr;    ///< standard deviation, one per node, Pa; or null
-  const unsigned char* mask = nullptr;     ///< one per node, not 0: no fluid; or null
-};
 
 struct ForceOptions {
   double density = 1820;                   ///< of the fluid, kg/m3, > 0
@@ -28,7 +17,8 @@ struct ForceOptions {
   int surfaceResolution = 16;              ///< n of the geodesic icosphere with 10 n^2 + 2 points, 1 to 128
   double controlVolumeRadius =
       0; ///< outer radius of the control volume, m; 0: as large as the grid allows, up to 2 d
-  Eigen::Matrix3d centreCovariance = Eigen::Matrix3d::Zero(); ///< of the body's centre, m2
+  Eigen::Matrix3d centreCovariance = Eigen::Matrix3d::Zero();       ///< of the body's centre, m2
+  Eigen::Matrix3d accelerationCovariance = Eigen::Matrix3d::Zero(); ///< of its acceleration, m2/s4
 };
 
 /// A force with its uncertainty, N.
@@ -56,6 +46,7 @@ struct ForceResult {
   double liftSigma = 0;
   double dragCoefficient = 0, liftCoefficient = 0; ///< over rho V^2/2 pi d^2/4; NaN when the body rests
   double controlVolumeDrag = 0, controlVolumeDragCoefficient = 0; ///< the same from the control volume
+  double controlVolumeDragSigma = 0;                              ///< N
   Eigen::Vector3d controlVolumeLift = Eigen::Vector3d::Zero();
   double controlVolumeRadius = 0; ///< as used, m; 0: none fits into the grid
   double coverage = 0;            ///< part of the surface that is seen, 0 to 1

@@ -12,8 +12,6 @@ struct PressureProblem {
   const float* gradient = nullptr; ///< of the pressure, three per node, Pa/m
   const unsigned char* mask =
       nullptr; ///< one per node, not 0: no fluid or no data there; null: fluid everywhere
-  /// Standard deviation of the gradient per component, one per node, Pa/m, > 0; null: the same everywhere.
-  const float* gradientError = nullptr;
 
   bool isFluid(std::size_t node) const { return !mask || !mask[node]; }
 };
