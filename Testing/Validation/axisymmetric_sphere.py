@@ -28,8 +28,9 @@ REACH = STENCIL // 2
 WAKE_CLUSTERING = 0.6  # nodes on the downstream axis are (1 - this) times as far apart as on average
 WALL_CLUSTERING = 3.0  # the radial spacing grows from the wall outwards like cosh(this * position)
 WAKE_SECTOR = 1.0  # rad; the wake leaves through the outer boundary within this angle to the axis
-SPONGE_START, SPONGE_END, SPONGE_FACTOR = 12.0, 30.0, 30.0  # the viscosity grows by this factor between these radii
-CONTINUATION = (1, 10, 30, 50, 70, 100, 130, 160, 190, 220, 260, 300)  # Reynolds numbers from which Newton's method reaches the next
+SPONGE_START, SPONGE_END = 12.0, 30.0  # between these radii the viscosity grows, if it is smaller, to
+SPONGE_VISCOSITY = 0.24  # (Re = 8): the mesh is too coarse there for a thin wake; measured effect on Cd below 0.1 %
+CONTINUATION = (1, 15, 50, 90, 140, 190, 220, 250, 280, 300)  # Reynolds numbers from which Newton's method reaches the next
 
 
 def difference_weights(nodes, at, order):
@@ -131,10 +132,11 @@ def select(mask, matrix):
     return sparse.diags(mask.astype(float)) @ matrix
 
 
-def sponge(r):
-    """Factor on the viscosity: 1 around the sphere; far out it keeps the wake as wide as the mesh can resolve."""
+def viscosity_at(r, reynolds):
+    """nu around the sphere; far out at least SPONGE_VISCOSITY, which keeps the wake as wide as the mesh can resolve."""
     rise = np.clip((r - SPONGE_START) / (SPONGE_END - SPONGE_START), 0, 1)
-    return 1 + (SPONGE_FACTOR - 1) * rise**2 * (3 - 2 * rise)
+    viscosity = 2 / reynolds
+    return viscosity + max(SPONGE_VISCOSITY - viscosity, 0) * rise**2 * (3 - 2 * rise)
 
 
 class FlowSolver:
@@ -162,7 +164,7 @@ class FlowSolver:
 
     def residual_and_jacobian(self, departure, g, reynolds):
         mesh, inside = self.mesh, self.mesh.interior
-        viscosity = sparse.diags(2 / reynolds * sponge(mesh.r))
+        viscosity = sparse.diags(viscosity_at(mesh.r, reynolds))
         radial, polar = self.velocity(departure + 0.5)
         g_s, g_theta = mesh.d_s @ g, mesh.d_theta @ g
         transport = sparse.diags(mesh.r * radial) @ mesh.d_s + sparse.diags(mesh.r * polar) @ mesh.d_theta - viscosity @ self.laplacian
@@ -276,6 +278,12 @@ class SphereFlow:
         _, _, _, s, theta = polar_coordinates(x, rho)
         return self._pressure.ev(s, theta)
 
+    def pressure_gradient(self, x, rho):
+        """dp/dx, dp/drho."""
+        r, sin, cos, s, theta = polar_coordinates(x, rho)
+        p_s, p_theta = (self._pressure.ev(s, theta, dx=in_s, dy=1 - in_s) for in_s in (1, 0))
+        return (cos * p_s - sin * p_theta) / r, (sin * p_s + cos * p_theta) / r
+
     # --- figures to compare with the literature -----------------------------------------------------------------------
 
     @property
@@ -313,11 +321,12 @@ def stokes_departure(r):
     return 0.5 * (0.5 / r**3 - 1.5 / r)
 
 
-def solve_sphere_flow(reynolds, radial_nodes=161, polar_nodes=121, outer_radius=40, report=lambda text: None):
+def solve_sphere_flow(reynolds, radial_nodes=141, polar_nodes=121, outer_radius=40, report=lambda text: None):
     """The flow at Re = V d / nu in 0.1..300, up to `outer_radius` sphere radii."""
     if not 0 < reynolds <= CONTINUATION[-1]:
         raise ValueError(f"Reynolds number {reynolds}: expected up to {CONTINUATION[-1]}")
-    coarse, fine = Mesh(65, 65, outer_radius), Mesh(radial_nodes, polar_nodes, outer_radius)
+    fine = Mesh(radial_nodes, polar_nodes, outer_radius)
+    coarse = Mesh(min(65, radial_nodes), min(65, polar_nodes), outer_radius)
     departure, g = stokes_departure(coarse.r), np.zeros_like(coarse.r)
     solver = FlowSolver(coarse)
     for step in [re for re in CONTINUATION if re < reynolds] + [reynolds]:

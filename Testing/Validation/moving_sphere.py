@@ -55,19 +55,28 @@ class MovingSphere:
     def _vector(self, axial, radial, outward, scale):
         return scale * (radial[..., None] * outward - axial[..., None] * self.direction)
 
-    def fields(self, points, time):
-        """Velocity, pressure, material acceleration and Q at points (n, 3) outside the sphere."""
+    def velocity(self, points, time):
+        """At points (n, 3) outside the sphere, as for all fields that follow."""
+        x, rho, outward = self.local(points, time)
+        return self._vector(*self.flow.velocity_departure(x, rho), outward, self.speed)
+
+    def pressure(self, points, time):
+        x, rho, _ = self.local(points, time)
+        return self.density * self.speed**2 * self.flow.pressure_at(x, rho)
+
+    def pressure_gradient(self, points, time):
+        x, rho, outward = self.local(points, time)
+        return self._vector(*self.flow.pressure_gradient(x, rho), outward, self.density * self.speed**2 / self.radius)
+
+    def acceleration_and_q(self, points, time):
+        """Material acceleration and Q = (|W|^2 - |S|^2) / 2 of the velocity gradient's antisymmetric and symmetric parts."""
         x, rho, outward = self.local(points, time)
         axial, radial = self.flow.velocity_departure(x, rho)
         axial_x, axial_rho, radial_x, radial_rho, hoop = self.flow.gradient(x, rho)
-        acceleration = [(1 + axial) * axial_x + radial * axial_rho, (1 + axial) * radial_x + radial * radial_rho]
+        along = (1 + axial) * axial_x + radial * axial_rho
+        across = (1 + axial) * radial_x + radial * radial_rho
         q = -0.5 * (axial_x**2 + radial_rho**2 + hoop**2 + 2 * axial_rho * radial_x)
-        return {
-            "velocity": self._vector(axial, radial, outward, self.speed),
-            "pressure": self.density * self.speed**2 * self.flow.pressure_at(x, rho),
-            "acceleration": self._vector(*acceleration, outward, self.speed**2 / self.radius),
-            "q": q * (self.speed / self.radius) ** 2,
-        }
+        return self._vector(along, across, outward, self.speed**2 / self.radius), q * (self.speed / self.radius) ** 2
 
 
 def grid_axes(bounds, spacing, offset=(0, 0, 0)):
@@ -83,11 +92,11 @@ def fields_on_grid(sphere, axes, time):
     """The arrays of a truth file: fields indexed [x, y, z], mask true inside the sphere; there u = sphere velocity and p = a = Q = 0."""
     points = np.stack(np.meshgrid(*axes, indexing="ij"), -1)
     mask = np.linalg.norm(points - sphere.centre_at(time), axis=-1) <= sphere.radius
-    outside = sphere.fields(points[~mask], time)
+    fluid = points[~mask]
     velocity = np.broadcast_to(sphere.velocity_of_sphere, points.shape).copy()
     acceleration, pressure, q = np.zeros(points.shape), np.zeros(mask.shape), np.zeros(mask.shape)
-    velocity[~mask], acceleration[~mask] = outside["velocity"], outside["acceleration"]
-    pressure[~mask], q[~mask] = outside["pressure"], outside["q"]
+    velocity[~mask], pressure[~mask] = sphere.velocity(fluid, time), sphere.pressure(fluid, time)
+    acceleration[~mask], q[~mask] = sphere.acceleration_and_q(fluid, time)
     names = dict(zip("xyz", (1e3 * axis for axis in axes)))
     names.update(zip("uvw", np.moveaxis(velocity, -1, 0)), p=pressure, Q=q, mask=mask)
     names.update(zip(("ax", "ay", "az"), np.moveaxis(acceleration, -1, 0)))

@@ -24,6 +24,11 @@ BOX_MM = ((-16, 16), (-26, 20), (-14, 14))
 FRAME_RATE = 1000.0  # Hz
 SNAPSHOTS = 40
 FIRST_TIME = 12.0  # s
+NODES = 141, 121  # of the solver's mesh, radial and polar: Cd to 0.1 %
+
+
+def recording_times():
+    return FIRST_TIME + np.arange(SNAPSHOTS) / FRAME_RATE
 
 
 def millimetres(text):
@@ -57,7 +62,7 @@ def options(arguments):
     parser.add_argument("--density", type=float, default=1820.0, help="of the fluid, kg/m3 (default 1820)")
     parser.add_argument("--direction", type=vector, default=np.array([0.17, 0.95, -0.21]), metavar="X,Y,Z", help="of motion (default 0.17,0.95,-0.21)")
     parser.add_argument("--centre", type=vector, default=np.array([-1.1, 0.8, 0.6]), metavar="X,Y,Z", help="of the sphere half way through the recording, in mm")
-    parser.add_argument("--nodes", type=int, nargs=2, default=(141, 121), metavar=("R", "THETA"), help="of the solver's mesh (default 141 121)")
+    parser.add_argument("--nodes", type=int, nargs=2, default=NODES, metavar=("R", "THETA"), help="of the solver's mesh (default 141 121)")
     return parser.parse_args(arguments)
 
 
@@ -88,7 +93,7 @@ def main(arguments=None):
     flow = stored_flow(os.path.join(settings.out, f"flow_{label}.npz"), settings.reynolds, settings.nodes)
     print(describe(flow))
     bounds = 1e-3 * np.array(BOX_MM)
-    times = FIRST_TIME + np.arange(SNAPSHOTS) / FRAME_RATE
+    times = recording_times()
     sphere = MovingSphere(
         flow, 1e-3 * settings.diameter, settings.speed, settings.density, settings.direction, 1e-3 * settings.centre, times.mean()
     )

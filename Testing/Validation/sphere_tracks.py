@@ -96,8 +96,9 @@ def ideal_points(sphere, recording, random):
                 x[part], rho[part] = advected(sphere.flow, x[part], rho[part], interval, steps)
         position = sphere.centre_at(time) + sphere.radius * (rho[:, None] * outward - x[:, None] * sphere.direction)
         tracer = np.flatnonzero(((position >= recording.bounds[:, 0]) & (position <= recording.bounds[:, 1])).all(1))
-        fields = sphere.fields(position[tracer], time)
-        rows.append((np.full(len(tracer), snapshot), tracer, position[tracer], fields["velocity"], fields["acceleration"]))
+        inside = position[tracer]
+        acceleration, _ = sphere.acceleration_and_q(inside, time)
+        rows.append((np.full(len(tracer), snapshot), tracer, inside, sphere.velocity(inside, time), acceleration))
     points = Points(*(np.concatenate(column) for column in zip(*rows)))
     return numbered(split_at_gaps(points), random)
 
