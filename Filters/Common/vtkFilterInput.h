@@ -15,16 +15,24 @@
 
 namespace rimflow {
 
+/// The array chosen with SetInputArrayToProcess(index); null when nothing is chosen yet, for which ParaView
+/// sets the index as the name, or "(by name)", the first entry of our array lists. (Without such an entry
+/// ParaView chooses the active vectors for every index, whatever they are.)
+inline const char* chosenArray(vtkAlgorithm* filter, int index) {
+  const char* chosen = filter->GetInputArrayInformation(index)->Get(vtkDataObject::FIELD_NAME());
+  const bool none = !chosen || !*chosen || std::string(chosen) == std::to_string(index) ||
+                    std::string(chosen) == "(by name)";
+  return none ? nullptr : chosen;
+}
+
 /// The three-component point array chosen with SetInputArrayToProcess(index), else the one called `name`.
 /// Nothing chosen (a filter made in Python before its input was updated) and none called so: the active
 /// vectors when `orActive` is set. Null when there is none, or when what was chosen is not there or has no
 /// three components.
 inline vtkDataArray* pointVectors(vtkAlgorithm* filter, vtkDataSet* data, int index, const char* name,
                                   bool orActive = true) {
-  const char* chosen = filter->GetInputArrayInformation(index)->Get(vtkDataObject::FIELD_NAME());
-  // ParaView sets the index as the name while nothing is chosen yet.
-  const bool isDefault =
-      !chosen || !*chosen || std::string(chosen) == name || std::string(chosen) == std::to_string(index);
+  const char* chosen = chosenArray(filter, index);
+  const bool isDefault = !chosen || std::string(chosen) == name;
   vtkDataArray* array = data->GetPointData()->GetArray(isDefault ? name : chosen);
   if (!array && isDefault && orActive) array = data->GetPointData()->GetVectors();
   return array && array->GetNumberOfComponents() == 3 ? array : nullptr;
@@ -33,9 +41,8 @@ inline vtkDataArray* pointVectors(vtkAlgorithm* filter, vtkDataSet* data, int in
 /// The one-component point array chosen with SetInputArrayToProcess(index), else the one called `name`; null
 /// when there is none.
 inline vtkDataArray* pointNumbers(vtkAlgorithm* filter, vtkDataSet* data, int index, const char* name) {
-  const char* chosen = filter->GetInputArrayInformation(index)->Get(vtkDataObject::FIELD_NAME());
-  const bool isDefault = !chosen || !*chosen || std::string(chosen) == std::to_string(index);
-  vtkDataArray* array = data->GetPointData()->GetArray(isDefault ? name : chosen);
+  const char* chosen = chosenArray(filter, index);
+  vtkDataArray* array = data->GetPointData()->GetArray(chosen ? chosen : name);
   return array && array->GetNumberOfComponents() == 1 ? array : nullptr;
 }
 

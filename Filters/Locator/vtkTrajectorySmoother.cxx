@@ -1,6 +1,7 @@
 #include "vtkTrajectorySmoother.h"
 
 #include "TrajectorySmoother.h"
+#include "vtkFieldOutput.h"
 #include "vtkWallView.h"
 
 #include "vtkCellArray.h"
@@ -88,14 +89,8 @@ Eigen::Matrix3d root(const Eigen::Matrix3d& covariance) {
   return Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(covariance).operatorSqrt();
 }
 
-void addNumber(vtkPolyData* output, const char* name, double value) {
-  vtkNew<vtkDoubleArray> array;
-  array->SetName(name);
-  array->InsertNextValue(value);
-  output->GetFieldData()->AddArray(array);
-}
-
 void fill(vtkPolyData* input, const rimflow::SmoothedTrajectory& t, vtkPolyData* output) {
+  using rimflow::addNumber;
   const vtkIdType n = input->GetNumberOfPoints();
   vtkDataArray* time = input->GetPointData()->GetArray("Time");
   vtkDataArray* centre = input->GetPointData()->GetArray("Centre");

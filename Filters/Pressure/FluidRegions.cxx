@@ -83,14 +83,14 @@ FluidRegions fluidRegions(const Grid& grid, const unsigned char* mask) {
   return out;
 }
 
-void removeRegionMeans(const FluidRegions& regions, std::vector<double>& field) {
+void removeRegionMeans(const FluidRegions& regions, double* field) {
   std::vector<double> sum(regions.count, 0);
   std::vector<std::size_t> nodes(regions.count, 0);
-  for (std::size_t p = 0; p < field.size(); ++p)
+  for (std::size_t p = 0; p < regions.region.size(); ++p)
     if (const int r = regions.region[p]; r >= 0) sum[r] += field[p], ++nodes[r];
   for (int r = 0; r < regions.count; ++r) sum[r] /= double(nodes[r]);
 #pragma omp parallel for schedule(static)
-  for (std::size_t p = 0; p < field.size(); ++p) {
+  for (std::size_t p = 0; p < regions.region.size(); ++p) {
     const int r = regions.region[p];
     field[p] = r >= 0 ? field[p] - sum[r] : 0;
   }

@@ -16,24 +16,40 @@ public:
   bool isFluid(std::size_t node) const { return problem_.isFluid(node); }
 
   /// From `node` to the next one along the axis, both of them fluid; i is the node's index on the axis.
-  /// Fourth order: the integral of the cubic through four nodes; next to the mask or a face of the parabola
-  /// through three.
   double difference(std::size_t node, int axis, int i) const {
     const std::ptrdiff_t s = stride_[axis];
-    const double h = problem_.grid.spacing[axis];
-    const float* g = problem_.gradient + axis;
-    const auto at = [&](std::ptrdiff_t step) { return double(g[3 * (std::ptrdiff_t(node) + step * s)]); };
-    if (order_ == 4) {
-      const bool before = i > 0 && isFluid(node - s);
-      const bool after = i + 2 < problem_.grid.n[axis] && isFluid(node + 2 * s);
-      if (before && after) return h / 24 * (13 * (at(0) + at(1)) - at(-1) - at(2));
-      if (after) return h / 12 * (5 * at(0) + 8 * at(1) - at(2));
-      if (before) return h / 12 * (5 * at(1) + 8 * at(0) - at(-1));
+    return difference(node, axis, i > 0 && isFluid(node - s),
+                      i + 2 < problem_.grid.n[axis] && isFluid(node + 2 * s));
+  }
+  /// The same for all links along the axis that start in the row (j, k), where the next node is in the grid.
+  /// What stands where a node of the link holds no fluid means nothing.
+  void differences(int axis, int j, int k, double* out) const {
+    const Grid& g = problem_.grid;
+    const std::ptrdiff_t s = stride_[axis];
+    const std::size_t row = g.index(0, j, k);
+    const int at = axis == 1 ? j : k, count = axis == 0 ? g.n[0] - 1 : g.n[0];
+    for (int i = 0; i < count; ++i) {
+      const int place = axis == 0 ? i : at;
+      out[i] = difference(row + i, axis, place > 0 && isFluid(row + i - s),
+                          place + 2 < g.n[axis] && isFluid(row + i + 2 * s));
     }
-    return h / 2 * (at(0) + at(1));
   }
 
 private:
+  /// before, after: whether the nodes beside the link are fluid. Fourth order: the integral of the cubic
+  /// through four nodes; next to the mask or a face of the parabola through three.
+  double difference(std::size_t node, int axis, bool before, bool after) const {
+    const std::ptrdiff_t s = 3 * stride_[axis];
+    const double h = problem_.grid.spacing[axis];
+    const float* g = problem_.gradient + 3 * node + axis;
+    if (order_ == 4) {
+      if (before && after) return h / 24 * (13 * (double(g[0]) + g[s]) - g[-s] - g[2 * s]);
+      if (after) return h / 12 * (5 * double(g[0]) + 8 * double(g[s]) - g[2 * s]);
+      if (before) return h / 12 * (5 * double(g[s]) + 8 * double(g[0]) - g[-s]);
+    }
+    return h / 2 * (double(g[0]) + g[s]);
+  }
+
   const PressureProblem& problem_;
   int order_;
   std::array<std::ptrdiff_t, 3> stride_;

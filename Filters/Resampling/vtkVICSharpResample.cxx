@@ -3,11 +3,11 @@
 #include "ResamplingGrid.h"
 #include "VICSharp.h"
 #include "vtkBodyFromPolyData.h"
+#include "vtkFieldOutput.h"
 #include "vtkFilterInput.h"
 #include "vtkGridFromImage.h"
 #include "vtkUpstream.h"
 
-#include "vtkDoubleArray.h"
 #include "vtkFieldData.h"
 #include "vtkImageData.h"
 #include "vtkInformation.h"
@@ -17,7 +17,6 @@
 #include "vtkPoints.h"
 #include "vtkPolyData.h"
 #include "vtkStreamingDemandDrivenPipeline.h"
-#include "vtkStringArray.h"
 
 #include <algorithm>
 #include <chrono>
@@ -59,38 +58,8 @@ double fieldNumber(vtkPolyData* particles, const char* name) {
   return array && array->GetNumberOfValues() > 0 ? std::max(0., array->GetComponent(0, 0)) : 0;
 }
 
-void addPointArray(vtkImageData* image, const char* name, const std::vector<float>& values) {
-  if (values.empty()) return;
-  vtkNew<vtkFloatArray> array;
-  array->SetName(name);
-  array->SetNumberOfComponents(int(vtkIdType(values.size()) / image->GetNumberOfPoints()));
-  array->SetNumberOfTuples(image->GetNumberOfPoints());
-  std::copy(values.begin(), values.end(), array->GetPointer(0));
-  image->GetPointData()->AddArray(array);
-}
-
-void addMask(vtkImageData* image, const std::vector<unsigned char>& inside) {
-  vtkNew<vtkUnsignedCharArray> mask, ghosts;
-  mask->SetName("Mask");
-  ghosts->SetName(vtkDataSetAttributes::GhostArrayName());
-  for (vtkUnsignedCharArray* array : {mask.Get(), ghosts.Get()})
-    array->SetNumberOfTuples(vtkIdType(inside.size()));
-  for (std::size_t p = 0; p < inside.size(); ++p) {
-    mask->SetValue(vtkIdType(p), inside[p]);
-    ghosts->SetValue(vtkIdType(p), inside[p] ? vtkDataSetAttributes::HIDDENPOINT : 0);
-  }
-  image->GetPointData()->AddArray(mask);
-  image->GetPointData()->AddArray(ghosts);
-}
-
-void addNumber(vtkImageData* image, const char* name, double value) {
-  vtkNew<vtkDoubleArray> array;
-  array->SetName(name);
-  array->InsertNextValue(value);
-  image->GetFieldData()->AddArray(array);
-}
-
 void fill(vtkImageData* image, const rimflow::VICSharpResult& r) {
+  using namespace rimflow;
   image->SetDimensions(r.grid.n.data());
   image->SetSpacing(r.grid.spacing.data());
   image->SetOrigin(r.grid.origin.data());
@@ -109,10 +78,7 @@ void fill(vtkImageData* image, const rimflow::VICSharpResult& r) {
   addNumber(image, "CurvatureWeight", r.calibration.curvatureWeight);
   addNumber(image, "ParticlesUsed", double(r.particlesUsed));
   addNumber(image, "Outliers", double(r.outliers));
-  vtkNew<vtkStringArray> stop;
-  stop->SetName("StopReason");
-  stop->InsertNextValue(r.stop);
-  image->GetFieldData()->AddArray(stop);
+  addText(image, "StopReason", r.stop);
 }
 
 } // namespace
@@ -141,6 +107,29 @@ int vtkVICSharpResample::FillInputPortInformation(int port, vtkInformation* info
   return 1;
 }
 
+/// The particles in the middle of the series; where they are too few to stand for it (a broken snapshot),
+/// those of the nearest time that has enough.
+vtkPolyData* vtkVICSharpResample::SampleOfSeries(vtkInformation* in) {
+  constexpr vtkIdType Enough = 100;
+  vtkAlgorithm* producer = this->GetInputAlgorithm(0, 0);
+  const auto particlesAt = [&](int step) {
+    if (step >= 0)
+      producer->UpdateTimeStep(in->Get(Pipeline::TIME_STEPS())[step]);
+    else
+      producer->Update();
+    return vtkPolyData::SafeDownCast(this->GetInputDataObject(0, 0));
+  };
+  const int steps = in->Length(Pipeline::TIME_STEPS());
+  if (steps == 0) return particlesAt(-1);
+  const int middle = steps / 2;
+  for (int distance = 0; distance <= middle; ++distance)
+    for (int step : {middle + distance, middle - distance}) {
+      vtkPolyData* particles = step < steps ? particlesAt(step) : nullptr;
+      if (particles && particles->GetNumberOfPoints() >= Enough) return particles;
+    }
+  return particlesAt(middle);
+}
+
 /// The grid is the same at all times: it is laid out for the snapshot in the middle of the series, and noise
 /// and smoothness are found from that one too, so that no result depends on where the user looked first.
 void vtkVICSharpResample::LayOut(vtkInformation* in) {
@@ -157,13 +146,7 @@ void vtkVICSharpResample::LayOut(vtkInformation* in) {
   Internals& state = *this->State;
   if (settings.str() == state.settings && upstream == state.upstream) return;
   state = Internals();
-  vtkAlgorithm* producer = this->GetInputAlgorithm(0, 0);
-  const int steps = in->Length(Pipeline::TIME_STEPS());
-  if (steps > 0)
-    producer->UpdateTimeStep(in->Get(Pipeline::TIME_STEPS())[steps / 2]);
-  else
-    producer->Update();
-  vtkPolyData* particles = vtkPolyData::SafeDownCast(this->GetInputDataObject(0, 0));
+  vtkPolyData* particles = this->SampleOfSeries(in);
   std::optional<std::array<double, 6>> bounds;
   if (this->UseBounds) {
     bounds.emplace();
@@ -257,8 +240,8 @@ int vtkVICSharpResample::RequestData(vtkInformation*, vtkInformationVector** inp
     vtkErrorMacro("The tracks cannot be resampled: " << error.what() << ".");
     return 0;
   }
-  addNumber(output, "ElapsedTime",
-            std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
+  rimflow::addNumber(output, "ElapsedTime",
+                     std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
   vtkInformation* data = particles->GetInformation();
   if (data->Has(vtkDataObject::DATA_TIME_STEP()))
     output->GetInformation()->Set(vtkDataObject::DATA_TIME_STEP(),
