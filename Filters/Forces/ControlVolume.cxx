@@ -115,7 +115,7 @@ MomentumBalance momentumBalance(const FluidNodes& fluid, double density, double 
       };
       addFlux(-volume * slope);
       overFaces(fall.value, [&](const Eigen::Vector3d& area) {
-        cut = true;
+        cut = cut || fall.value > 1e-6;
         addFlux(area);
       });
       sum.weight += volume * slope.norm();

@@ -7,7 +7,6 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <limits>
-#include <queue>
 #include <stdexcept>
 
 namespace rimflow {
@@ -74,7 +73,8 @@ double relativeSpeed(const FluidNodes& fluid) {
 }
 
 /// The shell of the momentum balance: from two spacings off the wall out to the radius asked for, or as far
-/// as the grid allows, up to 2 d. It takes at least four spacings, even if the faces cut it then.
+/// as the grid allows, up to 2 d. It reaches at least five spacings beyond the wall,
+/// even if the faces cut it then.
 ControlShell controlShell(const FluidNodes& fluid, double radius) {
   const double R = 0.5 * fluid.body().diameter, h = fluid.spacing();
   const double room = distanceFromFaces(fluid.grid(), fluid.body().centre);

@@ -15,8 +15,9 @@ struct ForceOptions {
   double bodyDensity = 0;                  ///< kg/m3; 0: unknown, then there is no inertia force
   Eigen::Vector3d gravity = {0, -9.81, 0}; ///< m/s2
   int surfaceResolution = 16;              ///< n of the geodesic icosphere with 10 n^2 + 2 points, 1 to 128
-  double controlVolumeRadius =
-      0; ///< outer radius of the control volume, m; 0: as large as the grid allows, up to 2 d
+  /// Outer radius of the control volume, m, at least five spacings beyond the wall; what reaches beyond the
+  /// grid is cut off. 0: as large as the grid allows, up to 2 d.
+  double controlVolumeRadius = 0;
   Eigen::Matrix3d centreCovariance = Eigen::Matrix3d::Zero();       ///< of the body's centre, m2
   Eigen::Matrix3d accelerationCovariance = Eigen::Matrix3d::Zero(); ///< of its acceleration, m2/s4
 };
