@@ -64,7 +64,7 @@ speeds.WindowLocation = "Lower Left Corner"
 plane.SetScalarBarVisibility(view, True)
 
 view.CameraFocalPoint = [c - 0.7 * diameter * v / speed for c, v in zip(centre, velocity)]
-view.CameraPosition = [f + 8 * diameter * a for f, a in zip(view.CameraFocalPoint, (0.3, 0.45, 0.85))]
+view.CameraPosition = [f + 6.5 * diameter * a for f, a in zip(view.CameraFocalPoint, (0.3, 0.45, 0.85))]
 view.CameraViewUp = [0, 1, 0]
 simple.Render(view)
 simple.SaveScreenshot(picture, view)

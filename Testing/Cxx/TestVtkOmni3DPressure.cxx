@@ -293,6 +293,19 @@ TEST(VtkOmni3DPressure, WarnsWhenIterationsDoNotSuffice) {
   EXPECT_GT(p.number("Residual"), 1e-6);
 }
 
+TEST(VtkOmni3DPressure, SaysHowMuchNoPressureExplains) {
+  const auto input = image();
+  const Eigen::Vector3d centre = middle(input);
+  addArray(input, "MaterialAcceleration", 3, [&](const Eigen::Vector3d& x) {
+    return Eigen::Vector3d(centre[1] - x[1], x[0] - centre[0], 0); // nothing but curl
+  });
+  Pipeline p(input);
+  p.filter->SetViscosity(0);
+  p.update();
+  EXPECT_GT(p.number("CurlResidual"), 0.7);
+  EXPECT_LT(p.number("CurlResidual"), 1.2);
+}
+
 TEST(VtkOmni3DPressure, LeavesOutWhatNoPressureExplains) {
   const auto input = image();
   const vtkIdType bad = input->FindPoint(middle(input)[0], middle(input)[1], middle(input)[2]);

@@ -1,4 +1,4 @@
-"""Breaks when the clicks of locate_sphere.xml do not lead to a located sphere and a reconstructed flow, or a saved state does not
+"""Breaks when the clicks of locate_sphere.xml do not lead to a located sphere, a reconstructed flow, its pressure and the force, or a saved state does not
 bring them back."""
 import math
 import os
@@ -13,10 +13,15 @@ class TestState(unittest.TestCase):
     def test_the_clicked_pipeline(self):
         simple.LoadState(os.environ["RIMFLOW_GUI_STATE"])
         by_class = {proxy.SMProxy.GetXMLName(): proxy for proxy in simple.GetSources().values()}
-        self.assertEqual(sorted(by_class), ["InvisibleSphereLocator", "QCriterion", "STBTrackReader", "VICSharpResample"])
+        self.assertEqual(sorted(by_class), ["InvisibleSphereLocator", "Omni3DPressure", "QCriterion", "STBTrackReader", "SurfaceForce", "VICSharpResample"])
         time = by_class["STBTrackReader"].TimestepValues[8]
         by_class["QCriterion"].UpdatePipeline(time)
         self.assertIsNotNone(by_class["QCriterion"].PointData["QCriterion"])
+        force = by_class["SurfaceForce"]
+        force.UpdatePipeline(time)
+        self.assertIsNotNone(by_class["Omni3DPressure"].PointData["Pressure"])
+        self.assertEqual(force.PointData["Pressure"].Name, "Pressure")
+        self.assertGreater(simple.servermanager.Fetch(force, idx=1).GetColumnByName("drag_N").GetValue(0), 0)
         locator = by_class["InvisibleSphereLocator"]
         self.assertEqual(locator.Diameter, 0.00953)
         locator.UpdatePipeline(time)

@@ -2,7 +2,10 @@
 import math
 import unittest
 
+import numpy as np
 from paraview import simple
+from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+from vtkmodules.vtkCommonDataModel import vtkPolyData
 
 import rimflow_testing
 from rimflow_testing import compare_image, render_view
@@ -86,6 +89,45 @@ class TestImages(unittest.TestCase):
         view.CameraPosition, view.CameraFocalPoint, view.CameraViewUp = [20, -50, 40], [0, 0, 0], [0, 0, 1]
         view.CameraParallelProjection, view.CameraParallelScale = 1, 12
         compare_image(self, view, "vortices")
+
+    def test_pressure_on_the_sphere(self):
+        # p = x^2/10 + y, integrated around a sphere, as a section and on the sphere itself
+        centre, diameter = (3.0, 1.0, 0.0), 10.0
+        box = simple.Wavelet(WholeExtent=[-15, 15, -15, 15, -10, 10])
+        at_rest = simple.Calculator(Input=box, ResultArrayName="Velocity", Function="0*coordsX*iHat")
+        flow = simple.Calculator(Input=at_rest, ResultArrayName="MaterialAcceleration", Function="-coordsX/5*iHat-jHat")
+        data = vtkPolyData()
+        for name, values in (("Diameter", [diameter]), ("Centre", [centre])):
+            array = numpy_to_vtk(np.array(values), deep=True)
+            array.SetName(name)
+            data.GetFieldData().AddArray(array)
+        body = simple.TrivialProducer()
+        body.GetClientSideObject().SetOutput(data)
+        fluid = {"Density": 1, "Viscosity": 0}
+        pressure = simple.Omni3DPressure(Input=flow, Body=body, **fluid)
+        force = simple.SurfaceForce(Input=pressure, Body=body, **fluid)
+        force.UpdatePipeline()
+        # the twin: the pressure but for a constant, and the force, -grad p integrated over the sphere
+        image = simple.servermanager.Fetch(pressure)
+        found = vtk_to_numpy(image.GetPointData().GetArray("Pressure"))
+        fluid_there = vtk_to_numpy(image.GetPointData().GetArray("Mask")) == 0
+        x = np.array([image.GetPoint(p) for p in range(image.GetNumberOfPoints())])
+        difference = (found - x[:, 0]**2 / 10 - x[:, 1])[fluid_there]
+        self.assertLess(difference.std(), 0.01)
+        self.assertFalse(found[~fluid_there].any())
+        row = simple.servermanager.Fetch(force, idx=1)
+        volume = math.pi / 6 * diameter**3
+        for name, expected in (("Fp_x_N", -0.2 * centre[0] * volume), ("Fp_y_N", -volume), ("Fp_z_N", 0)):
+            self.assertAlmostEqual(row.GetColumnByName(name).GetValue(0), expected, delta=0.01 * volume)
+        view = render_view()
+        section = simple.Slice(Input=pressure, SliceType="Plane")
+        section.SliceType.Origin, section.SliceType.Normal = centre, [0, 0, 1]
+        for shown in (simple.Show(section, view), simple.Show(simple.OutputPort(force, 0), view)):
+            simple.ColorBy(shown, ("POINTS", "Pressure"))
+        shown.LookupTable.RescaleTransferFunction(-20, 25)
+        view.CameraPosition, view.CameraFocalPoint, view.CameraViewUp = [30, -40, 60], [0, 0, 0], [0, 1, 0]
+        view.CameraParallelProjection, view.CameraParallelScale = 1, 18
+        compare_image(self, view, "pressure")
 
 
 if __name__ == "__main__":
