@@ -23,7 +23,8 @@ class Forces:
 
     @property
     def known(self):
-        return np.isfinite(self["drag_N"])
+        """Where there is a force, and a motion that it can be related to."""
+        return np.isfinite(self["drag_N"]) & (self.reference > 0)
 
     @property
     def instants(self):

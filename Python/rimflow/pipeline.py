@@ -169,8 +169,9 @@ class FlowChain:
         self.errors.messages.clear()       # ... the fault of the snapshot that comes first
 
     def compute(self, time, body):
-        """The Flow at one time around a Body; without its `Centre` there are no forces. Raises nothing for what the filters report."""
-        known = bool(body.GetFieldData().GetArray("Centre"))
+        """The Flow at one time around a Body, if its place and motion are known. Raises nothing for what the filters report."""
+        arrays = body.GetFieldData()
+        known = arrays.HasArray("Centre") and arrays.HasArray("Velocity")
         moving = wall(body) if known else None
         for step in (self.resample, self.pressure, self.force):
             step.SetInputDataObject(1, moving)
@@ -180,7 +181,10 @@ class FlowChain:
                 flow.seconds[name] = self._run(step, time)
                 flow.image = _with_arrays(step.GetOutputDataObject(0), FIELD_ARRAYS)
                 flow.quality = {**(flow.quality or {}), **quality(flow.image, QUALITY[name])}
-            if known and not self.options.no_forces:
+            wanted = arrays.HasArray("Centre") and not self.options.no_forces
+            if wanted and not known:
+                raise PipelineError("the sphere was found in this snapshot alone, which does not tell how it moves")
+            if wanted:
                 flow.seconds["forces"] = self._run(self.force, time)
                 numbers, flow.note = force_row(self.force.GetOutputDataObject(1))
                 if numbers["drag_N"] is None:
@@ -310,14 +314,16 @@ def significant(vector, sigma):
 
 
 def body(trajectory, row):
-    """One row of the trajectory as a Body (field data); without `Centre` where the sphere is lost. The wall turns only where the
-    rotation is significant: else its error would be a motion of the wall that nobody has seen."""
+    """One row of the trajectory as a Body (field data); without `Centre` where the sphere is lost, without `Velocity` where no other
+    snapshot tells it. The wall turns only where the rotation is significant: else its error would be a motion of the wall that nobody
+    has seen."""
     data = vtkPolyData()
     add_array(data.GetFieldData(), "Time", np.array([trajectory.time[row]]))
     add_array(data.GetFieldData(), "Status", np.array([int(trajectory.status[row])], np.int32))
     if trajectory.status[row] != 2:
-        for name, values in (("Centre", trajectory.centre), ("Velocity", trajectory.velocity), ("Acceleration", trajectory.acceleration),
-                             ("AccelerationSigma", trajectory.acceleration_sigma), ("Covariance", trajectory.covariance)):
+        motion = [("Velocity", trajectory.velocity), ("Acceleration", trajectory.acceleration), ("AccelerationSigma", trajectory.acceleration_sigma)]
+        alone = np.count_nonzero(trajectory.status != 2) == 1  # one place is no motion
+        for name, values in [("Centre", trajectory.centre), ("Covariance", trajectory.covariance)] + ([] if alone else motion):
             add_array(data.GetFieldData(), name, values[row][None, :])
         if significant(trajectory.rotation[row], trajectory.rotation_sigma[row]):
             add_array(data.GetFieldData(), "AngularVelocity", trajectory.rotation[row][None, :])

@@ -94,6 +94,10 @@ class TestForces(unittest.TestCase):
         self.assertIsNone(still)
         self.assertEqual(moving.GetTuple3(0), (0, 5, 0))
 
+    def test_one_snapshot_alone_tells_no_velocity(self):
+        self.assertTrue(pipeline.body(trajectory(2), 0).GetFieldData().HasArray("Velocity"))
+        self.assertFalse(pipeline.body(trajectory(1), 0).GetFieldData().HasArray("Velocity"))
+
     def test_the_flow_does_not_follow_an_acceleration_that_is_noise(self):
         t = trajectory(2)
         t.acceleration[:] = [[2, 0, 0], [20, 0, 0]]

@@ -91,12 +91,13 @@ class TestProcess(unittest.TestCase):
             self.assertFalse(os.path.exists(self.out(f"all/{name}")), name)
 
     def test_the_force_on_the_demo_sphere_is_the_one_that_is_known(self):
-        printed = self.run_demo("forces", "--steps", "7:10", "--body-density", "none").stdout
+        # snapshots far apart, so that the path is known well
+        printed = self.run_demo("forces", "--steps", "0:16:7", "--body-density", "none").stdout
         self.assertIn("Drag coefficient", printed)
         self.assertIn("3 snapshots: 3 found", printed)
         self.assertTrue(text_of(self.out("forces/forces.csv")).startswith(FORCE_COLUMNS + ",sigma_Fp_x_N"))
         table, path = rows(self.out("forces"), "forces.csv"), rows(self.out("forces"))
-        self.assertEqual([r["snapshot"] for r in table], [7, 8, 9])
+        self.assertEqual([r["snapshot"] for r in table], [0, 7, 14])
         for row, at in zip(table, path, strict=True):
             speed = [at[f"{c}_m_s"] for c in "uvw"]
             total = [row[f"Fp_{a}_N"] + row[f"Fv_{a}_N"] for a in "xyz"]
@@ -105,20 +106,20 @@ class TestProcess(unittest.TestCase):
             self.assertAlmostEqual(row["drag_N"], drag, delta=1e-6 * drag)
             self.assertAlmostEqual(row["Cd"], drag / (910 * sum(v * v for v in speed) * area), delta=1e-5)
             self.assertAlmostEqual(math.hypot(row["drag_N"], row["lift_N"]), math.hypot(*total), delta=1e-6 * drag)
-            self.assertAlmostEqual(row["Cd"], DRAG_COEFFICIENT, delta=0.2)
-            self.assertAlmostEqual(row["Cd_cv"], DRAG_COEFFICIENT, delta=0.2)
-            self.assertLess(row["Cl"], 0.2)
+            self.assertAlmostEqual(row["Cd"], DRAG_COEFFICIENT, delta=0.1)
+            self.assertAlmostEqual(row["Cd_cv"], DRAG_COEFFICIENT, delta=0.05)
+            self.assertLess(row["Cl"], 0.05)
             self.assertGreater(row["coverage"], 0.9)
             self.assertTrue(math.isnan(row["Fin_x_N"]))  # the density of the body is not known
         with open(self.out("forces/run.json")) as f:
             run = json.load(f)
         self.assertEqual(run["settings"]["gravity_m_s2"], [0, -9.81, 0])
         self.assertAlmostEqual(run["forces"]["surface"]["Cd_mean"], sum(r["Cd"] for r in table) / 3, places=6)
-        self.assertGreater(run["seconds_per_snapshot"]["8"]["pressure"], 0)
+        self.assertGreater(run["seconds_per_snapshot"]["7"]["pressure"], 0)
         for name in ("forces", "coefficients", "surface-pressure"):
             self.assertGreater(os.path.getsize(self.out(f"forces/report/{name}.png")), 20000, name)
         self.assertIn("Control volume", text_of(self.out("forces/report/index.html")))
-        sphere = text_of(self.out("forces/sphere/000008.vtp"))
+        sphere = text_of(self.out("forces/sphere/000007.vtp"))
         for name in ("Pressure", "Traction", "Centre"):
             self.assertIn(f'Name="{name}"', sphere)
         self.assertFalse(os.path.exists(self.out("forces/fields.pvd")))
@@ -133,24 +134,24 @@ class TestProcess(unittest.TestCase):
         self.assertEqual([r["status"] for r in rows(self.out("broken"))], [0, 0, 1, 0, 0])
         self.assertEqual([math.isnan(r["drag_N"]) for r in rows(self.out("broken"), "forces.csv")], [False, False, True, False, False])
         with open(self.out("broken/run.json")) as f:
-            self.assertEqual([k for k, _ in json.load(f)["problems"]], [8])
+            self.assertEqual({k for k, _ in json.load(f)["problems"]}, {8})
         self.assertIn("Snapshot 8: no forces", text_of(self.out("broken/report/index.html")))
 
     def test_two_ranks_and_a_resumed_run_give_the_numbers_of_one(self):
-        run = ["--steps", "2:8", "--spacing", "2mm"]
+        run = ["--steps", "2:14:2", "--spacing", "2mm"]
         self.run_demo("one", *run)
         self.assertIn("6 snapshots: 6 found", self.run_demo("two", *run, ranks=2).stdout)
         shutil.copytree(self.out("one"), self.out("resumed"))
-        for k in (3, 6):
+        for k in (4, 10):
             os.remove(self.out(f"resumed/snapshots/{k:06d}.json"))
-        os.remove(self.out("resumed/snapshots/000005.flow.json"))
-        kept = os.stat(self.out("resumed/snapshots/000004.flow.json")).st_mtime_ns
+        os.remove(self.out("resumed/snapshots/000006.flow.json"))
+        kept = os.stat(self.out("resumed/snapshots/000008.flow.json")).st_mtime_ns
         for name in ("trajectory.csv", "forces.csv"):
             os.remove(self.out(f"resumed/{name}"))
         self.run_demo("resumed", *run, "--resume")
-        self.assertEqual(os.stat(self.out("resumed/snapshots/000004.flow.json")).st_mtime_ns, kept)
+        self.assertEqual(os.stat(self.out("resumed/snapshots/000008.flow.json")).st_mtime_ns, kept)
         one = rows(self.out("one"))
-        self.assertEqual([r["snapshot"] for r in one], list(range(2, 8)))
+        self.assertEqual([r["snapshot"] for r in one], list(range(2, 14, 2)))
         # a snapshot's estimate depends on where the search began by the sampling error of its posterior, some hundredths of a
         # micrometre (its standard deviation is 30 um)
         for name in ("two", "resumed"):
@@ -159,10 +160,13 @@ class TestProcess(unittest.TestCase):
                     # the chain that samples the path turns the last digits of the single estimates into a fraction of its sigma
                     self.assertAlmostEqual(a[f"{axis}_m"], b[f"{axis}_m"], delta=1e-5)
                     self.assertAlmostEqual(a[f"raw_{axis}_m"], b[f"raw_{axis}_m"], delta=2e-7)
-            for a, b in zip(rows(self.out("one"), "forces.csv"), rows(self.out(name), "forces.csv"), strict=True):
-                self.assertEqual(a["snapshot"], b["snapshot"])
-                self.assertAlmostEqual(a["Cd"], b["Cd"], delta=0.01)
-                self.assertAlmostEqual(a["Cd_cv"], b["Cd_cv"], delta=0.01)
+            one_forces, forces = rows(self.out("one"), "forces.csv"), rows(self.out(name), "forces.csv")
+            self.assertEqual([r["snapshot"] for r in forces], [r["snapshot"] for r in one_forces])
+            for column in ("Cd", "Cd_cv"):
+                # the last digits of the path decide where the flow's iteration stops: some 0.01 on this coarse grid
+                difference = [a[column] - b[column] for a, b in zip(one_forces, forces, strict=True)]
+                self.assertLess(max(map(abs, difference)), 0.04)
+                self.assertLess(abs(sum(difference)) / len(difference), 0.015)
 
     def test_goes_back_to_snapshots_lost_before_the_first_find(self):
         # in the first two snapshots every 16th particle: too few to find the sphere without a hint
