@@ -82,7 +82,7 @@ def draw(folder, field_rows, track_rows):
 
 def draw_fields(path, rows):
     """Largest error over the motions against the resolution."""
-    figure, (drag, side) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
+    figure, (drag, side) = plt.subplots(1, 2, figsize=(11, 4.5), layout="constrained")
     for reynolds in unique(rows, "reynolds"):
         for source in unique(rows, "input"):
             for name, label, marker in (("", "surface", "o-"), ("_cv", "control volume", "s--")):
@@ -99,14 +99,14 @@ def draw_fields(path, rows):
     for axes, title in ((drag, "error of the drag"), (side, "side force (true: 0)")):
         axes.set(xlabel="nodes per diameter", ylabel="% of the true force", title=title)
         axes.grid(alpha=0.3)
-    figure.legend(loc="outside lower center", ncols=2, fontsize=7)
+    drag.legend(fontsize=6)
     figure.savefig(path, dpi=110)
     plt.close(figure)
 
 
 def draw_tracks(path, rows):
     names = unique(rows, "tracks")
-    figure, (drag, pressure) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
+    figure, (drag, pressure) = plt.subplots(1, 2, figsize=(11, 4.5), layout="constrained")
     for name in names:
         group = numbers(rows, tracks=name)
         snapshot = column(group, "snapshot")

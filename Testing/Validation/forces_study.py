@@ -40,7 +40,7 @@ def parse(arguments):
     parser.add_argument("--out", default=os.path.join(build, "forces-study"), help="folder for data, CSV, tables and plots")
     parser.add_argument("--page", action="store_true", help="bring Documentation/validation-forces.md, its plots and its CSV up to date")
     parser.add_argument("--redraw", action="store_true", help="tables and plots from the CSV files that are there")
-    parser.add_argument("--reynolds", type=float, nargs="+", default=[100, 250], help="of the flows (default 100 250)")
+    parser.add_argument("--reynolds", type=float, nargs="+", default=[100, 250], help="of the flows (default 100 250); rows of others stay as they are")
     parser.add_argument("--every", type=int, default=4, help="every so many snapshots of the tracks (default 4); 0: no tracks")
     parser.add_argument("--spacing", type=float, default=0.0, help="of VIC#, m (default: its own choice)")
     parser.add_argument("--fields-only", action="store_true", help="only the exact fields; the rows of the tracks stay as they are")
@@ -97,13 +97,15 @@ def main(arguments):
     if not settings.redraw:
         flows = [sphere_flow.stored_flow(os.path.join(settings.out, f"flow_re{re:g}.npz"), re, sphere_flow.NODES) for re in settings.reynolds]
         if not settings.tracks_only:
-            field_rows = [row for flow in flows for row in study_fields(flow)]
-            write_rows(field_file, FIELD_COLUMNS, field_rows)
+            field_rows = [row for row in field_rows if float(row["reynolds"]) not in settings.reynolds]
+            for flow in flows:
+                field_rows += study_fields(flow)
+                write_rows(field_file, FIELD_COLUMNS, field_rows)
         if settings.every and not settings.fields_only:
-            track_rows = []
             middle = sphere_flow.recording_times().mean()
             for flow in flows:
                 for name, path in track_files(settings.out, flow).items():
+                    track_rows = [row for row in track_rows if row["tracks"] != name]
                     track_rows += study_tracks(name, path, sphere_in(flow, 0, middle), settings.every, settings.spacing)
                     write_rows(track_file, TRACK_COLUMNS, track_rows)
     found = forces_page.tables(read_rows(field_file), read_rows(track_file))
