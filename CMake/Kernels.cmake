@@ -41,8 +41,8 @@ add_library(rimflow_kernels STATIC
   Filters/Pressure/ParallelLinePressure.cxx
   Filters/Pressure/PressureGradient.cxx
   Filters/Pressure/PseudoTracking.cxx
-  Filters/Forces/ControlVolume.cxx
   Filters/Pressure/UnexplainedGradient.cxx
+  Filters/Forces/ControlVolume.cxx
   Filters/Forces/SurfaceForce.cxx
   Filters/Forces/WallFriction.cxx
   Filters/Forces/WallPressure.cxx

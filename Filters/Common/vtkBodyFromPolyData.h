@@ -81,6 +81,15 @@ inline Eigen::Matrix3d centreCovarianceOf(vtkPolyData* data, vtkIdType which) {
   return covariance;
 }
 
+/// The covariance of a body's acceleration, m2/s4, from `AccelerationSigma`(3), which the smoothed trajectory
+/// has; 0 when it is not told.
+inline Eigen::Matrix3d accelerationCovarianceOf(vtkPolyData* data, vtkIdType which) {
+  Eigen::Vector3d sigma = Eigen::Vector3d::Zero();
+  vtkDataArray* array = bodyArray(data, "AccelerationSigma", 3);
+  if (array && which < array->GetNumberOfTuples()) array->GetTuple(which, sigma.data());
+  return sigma.cwiseAbs2().asDiagonal();
+}
+
 } // namespace rimflow
 
 #endif

@@ -112,6 +112,7 @@ Row rowOf(double time, double sphere, const ForceResult& r, double dynamicForce)
   row.add("sigma_lift_N", r.liftSigma);
   row.add("lift", r.lift, "_N");
   row.add("drag_cv_N", balanced ? r.controlVolumeDrag : Nothing);
+  row.add("sigma_drag_cv_N", balanced ? r.controlVolumeDragSigma : Nothing);
   row.add("lift_cv_N", liftCv);
   row.add("Cd_cv", balanced ? r.controlVolumeDragCoefficient : Nothing);
   row.add("Cl_cv", liftCv / dynamicForce);
@@ -246,7 +247,7 @@ int vtkSurfaceForce::RequestData(vtkInformation*, vtkInformationVector** inputs,
     rimflow::ForceOptions options;
     options.density = this->Density;
     options.viscosity = this->Viscosity;
-    options.bodyDensity = this->BodyDensity;
+    options.bodyDensity = rimflow::bodyArray(bodyData, "Acceleration", 3) ? this->BodyDensity : 0;
     options.gravity = Eigen::Vector3d(this->Gravity);
     options.surfaceResolution = this->SurfaceResolution;
     options.controlVolumeRadius = this->ControlVolumeRadius;
@@ -264,6 +265,7 @@ int vtkSurfaceForce::RequestData(vtkInformation*, vtkInformationVector** inputs,
         continue;
       }
       options.centreCovariance = rimflow::centreCovarianceOf(bodyData, which);
+      options.accelerationCovariance = rimflow::accelerationCovarianceOf(bodyData, which);
       try {
         results.push_back(rimflow::surfaceForce(fields.view(), *body, options));
         rows.push_back(rowOf(time, id, results.back(), dynamicForce(*body, this->Density)));

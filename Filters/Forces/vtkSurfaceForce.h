@@ -10,8 +10,8 @@
  * vtkOmni3DPressure gives them; its `PressureError` (Pa) is used where there is one. Nodes hold no fluid
  * where `Mask` is not 0, vtkGhostType has HIDDENPOINT set, or a Body covers them. Input 1, `Body`: the
  * locator's Sphere or Centre, or any vtkPolyData with `Diameter`(1), `Centre`(3) and optionally `Velocity`,
- * `Acceleration`, `AngularVelocity`(3) and `Covariance`(6: xx yy zz xy yz xz, m2) in its field data, one
- * tuple per body.
+ * `Acceleration`, `AngularVelocity`(3), `Covariance`(6: xx yy zz xy yz xz, m2) and `AccelerationSigma`(3) in
+ * its field data, one tuple per body. Without Acceleration there is no inertia force.
  *
  * Output 0: the surface with the point arrays `Pressure` (Pa, active scalars), `PressureSigma` (Pa),
  * `Traction` (Pa, three components), `Normals` (into the fluid) and `Seen` (0: no measured fluid near,
@@ -19,8 +19,8 @@
  * one row per body (see the column list in the user guide): `Time` (s), `SphereId`, forces of pressure
  * `Fp_x_N` .. , friction `Fv_x_N` .. , control volume `Fcv_x_N` .. , inertia `Fin_x_N` .. , `drag_N`,
  * `lift_N`, `Cd`, `Cl` (from pressure and friction), standard deviations `sigma_...`, `lift_x_N` .. ,
- * `drag_cv_N`, `lift_cv_N`, `Cd_cv`, `Cl_cv`, `torque_x_N_m` .. , `coverage`, `control_volume_radius_m`,
- * `note`. What is not known is not a number.
+ * `drag_cv_N`, `sigma_drag_cv_N`, `lift_cv_N`, `Cd_cv`, `Cl_cv`, `torque_x_N_m` .. , `coverage`,
+ * `control_volume_radius_m`, `note`. What is not known is not a number.
  *
  * A Body that is lost (`Status` 2), or that has no fluid around it in the image, has a row that is not a
  * number, with a note, and no surface; so a series goes on.

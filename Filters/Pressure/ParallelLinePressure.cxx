@@ -3,7 +3,7 @@
 #include "FluidRegions.h"
 #include "PressureLinks.h"
 
-#include <Eigen/Geometry>
+#include <Eigen/Dense>
 #include <atomic>
 #include <cmath>
 #include <cstdint>
@@ -15,6 +15,7 @@ namespace rimflow {
 namespace {
 
 using Eigen::Vector3d;
+constexpr int Memory = 10; // of Anderson's method
 constexpr double Pi = 3.14159265358979323846;
 
 // The corners of an icosahedron of edge 2.
@@ -133,9 +134,9 @@ public:
       : field_(field), spacing_(spacing) {
     const Grid& g = field.grid;
     Vector3d across[2];
-    int least;
-    direction.cwiseAbs().minCoeff(&least);
-    across[0] = direction.cross(Vector3d::Unit(least)).normalized();
+    // As far along x as can be: then the next line meets nodes that lie next to this one's in memory.
+    const Vector3d along = std::abs(direction.x()) < 0.9 ? Vector3d::UnitX() : Vector3d::UnitY();
+    across[0] = (along - along.dot(direction) * direction).normalized();
     across[1] = direction.cross(across[0]);
     for (int a = 0; a < 3; ++a) direction_[a] = direction[a] / g.spacing[a];
     for (int l = 0; l < 2; ++l) {
@@ -303,7 +304,7 @@ public:
     pairs_ = {};
   }
 
-  void apply(const std::vector<double>& p, std::vector<double>& out) const {
+  void apply(const Eigen::VectorXd& p, Eigen::VectorXd& out) const {
 #pragma omp parallel for schedule(static)
     for (std::size_t b = 0; b < passes_.size(); ++b) {
       double sum = known_[b];
@@ -322,11 +323,46 @@ private:
 };
 
 // Mean 0 over the boundary of each region: the iteration leaves the constants free.
-void removeMeans(const std::vector<int>& region, int regions, std::vector<double>& p) {
+void removeMeans(const std::vector<int>& region, int regions, Eigen::VectorXd& p) {
   std::vector<double> sum(regions, 0), count(regions, 0);
-  for (std::size_t b = 0; b < p.size(); ++b) sum[region[b]] += p[b], count[region[b]] += 1;
-  for (std::size_t b = 0; b < p.size(); ++b) p[b] -= sum[region[b]] / count[region[b]];
+  for (std::size_t b = 0; b < region.size(); ++b) sum[region[b]] += p[b], count[region[b]] += 1;
+  for (std::size_t b = 0; b < region.size(); ++b) p[b] -= sum[region[b]] / count[region[b]];
 }
+
+// The fixed point of p = G(p) by Anderson's method (Walker & Ni 2011): the next p is G of the mean of the
+// last ones, weighted (weights of sum 1) for the least change. Plain iteration creeps where two chambers are
+// joined by a hole.
+class AndersonMixing {
+public:
+  AndersonMixing(Eigen::Index size, int memory)
+      : changes_(size, memory), images_(size, memory), products_(memory, memory) {}
+
+  // From p and G(p), the next p.
+  Eigen::VectorXd next(const Eigen::VectorXd& p, const Eigen::VectorXd& image) {
+    const Eigen::VectorXd change = image - p;
+    const double length = calls_ > 0 ? (change - lastChange_).norm() : 0;
+    if (length > 0) replaceOldest((change - lastChange_) / length, (image - lastImage_) / length);
+    lastChange_ = change, lastImage_ = image, ++calls_;
+    if (known_ == 0) return image;
+    const Eigen::VectorXd weights = products_.topLeftCorner(known_, known_)
+                                        .completeOrthogonalDecomposition()
+                                        .solve(changes_.leftCols(known_).transpose() * change);
+    return image - images_.leftCols(known_) * weights;
+  }
+
+private:
+  void replaceOldest(const Eigen::VectorXd& change, const Eigen::VectorXd& image) {
+    const int column = int(oldest_++ % changes_.cols());
+    known_ = std::max(known_, column + 1);
+    changes_.col(column) = change;
+    images_.col(column) = image;
+    for (int c = 0; c < known_; ++c)
+      products_(c, column) = products_(column, c) = changes_.col(c).dot(change);
+  }
+  Eigen::MatrixXd changes_, images_, products_;
+  Eigen::VectorXd lastChange_, lastImage_;
+  int calls_ = 0, known_ = 0, oldest_ = 0;
+};
 
 // Every node's pressure from that of the boundary: its sum and number of passes, two for a line used both
 // ways.
@@ -334,7 +370,7 @@ struct Sums {
   std::vector<double> pressure;
   std::vector<std::uint32_t> passes;
 
-  void add(const Field& field, const Lines& lines, const std::vector<double>& boundary) {
+  void add(const Field& field, const Lines& lines, const Eigen::VectorXd& boundary) {
     lines.forEachSegment([&](int, const Segment& s) {
       const std::size_t last = s.size - 1;
       const double first = boundary[field.nodes[s.node[0]].boundary],
@@ -427,19 +463,16 @@ PressureSolution parallelLinePressure(const PressureProblem& problem, const Para
   FluidRegions regions = fluidRegions(problem.grid, problem.mask);
   std::vector<int> region;
   for (std::size_t p : field.boundary) region.push_back(regions.region[p]);
-  std::vector<double> boundary(field.boundary.size(), 0), next(boundary.size());
+  Eigen::VectorXd boundary = Eigen::VectorXd::Zero(field.boundary.size()), image(boundary.size());
+  AndersonMixing mixing(boundary.size(), Memory);
   out.residual = std::numeric_limits<double>::infinity();
   while (out.iterations < options.maximumIterations && out.residual > options.tolerance) {
     if (aborted(0.4 + 0.2 * out.iterations / options.maximumIterations)) return out;
-    equation.apply(boundary, next);
-    removeMeans(region, regions.count, next);
-    double change = 0, square = 0;
-    for (std::size_t b = 0; b < next.size(); ++b) {
-      change += (next[b] - boundary[b]) * (next[b] - boundary[b]);
-      square += next[b] * next[b];
-    }
-    out.residual = square > 0 ? std::sqrt(change / square) : 0;
-    boundary.swap(next);
+    equation.apply(boundary, image);
+    removeMeans(region, regions.count, image);
+    const double size = image.norm();
+    out.residual = size > 0 ? (image - boundary).norm() / size : 0;
+    boundary = mixing.next(boundary, image);
     ++out.iterations;
   }
 

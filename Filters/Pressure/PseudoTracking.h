@@ -22,7 +22,13 @@ struct PseudoTrackingResult {
 
 /// The material acceleration from how the velocity changes along the path of a fluid particle
 /// (pseudo-tracking; Liu & Katz 2006, "Instantaneous pressure and material acceleration measurements").
-/// Throws std::invalid_argument when both neighbours are missing or a time is not greater than 0.
+/// Central over three snapshots, of second order in time; where the path leaves the grid or the fluid on one
+/// side, and at the ends of a series, one-sided, of first order. Velocities between the nodes come from
+/// tricubic interpolation; next to a mask its nodes are moved away from it, and none of the mask is used. An
+/// interpolation error e of the velocity costs e/(time between snapshots): keep the path at about a spacing
+/// or less, but no shorter than the noise of the velocity allows. Threaded; the result does not depend on the
+/// number of threads. Throws std::invalid_argument when both neighbours are missing or a time is not greater
+/// than 0.
 PseudoTrackingResult pseudoTracking(const VelocitySeries& series);
 
 } // namespace rimflow

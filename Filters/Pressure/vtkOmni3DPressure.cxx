@@ -47,9 +47,9 @@ Snapshot snapshotOf(vtkAlgorithm* filter) {
   vtkImageData* image = vtkImageData::SafeDownCast(filter->GetInputDataObject(0, 0));
   vtkInformation *data = image->GetInformation(), *in = filter->GetInputInformation(0, 0);
   s.hasTime = data->Has(vtkDataObject::DATA_TIME_STEP());
-  s.time = s.hasTime ? data->Get(vtkDataObject::DATA_TIME_STEP())
-           : in->Has(Pipeline::UPDATE_TIME_STEP())    ? in->Get(Pipeline::UPDATE_TIME_STEP())
-                                                      : 0;
+  s.time = s.hasTime                               ? data->Get(vtkDataObject::DATA_TIME_STEP())
+           : in->Has(Pipeline::UPDATE_TIME_STEP()) ? in->Get(Pipeline::UPDATE_TIME_STEP())
+                                                   : 0;
   s.image = vtkSmartPointer<vtkImageData>::New();
   s.image->ShallowCopy(image);
   s.grid = rimflow::gridOf(image);
@@ -263,6 +263,7 @@ rimflow::PressureSolution vtkOmni3DPressure::Solve(const rimflow::PressureProble
   }
   rimflow::OneShotOptions options = choose(rimflow::OneShotOptions());
   options.order = this->Order;
+  options.wallWeight = this->WallWeight;
   auto solution = rimflow::oneShotPressure(problem, options, progress);
   warnUnlessConverged(solution, options.maximumIterations, options.tolerance);
   return solution;
@@ -317,6 +318,7 @@ void vtkOmni3DPressure::PrintSelf(ostream& os, vtkIndent indent) {
      << indent << "Viscosity: " << this->Viscosity << "\n"
      << indent << "Method: " << (this->Method == PARALLEL_LINES ? "parallel lines" : "one-shot") << "\n"
      << indent << "Order: " << this->Order << "\n"
+     << indent << "WallWeight: " << this->WallWeight << "\n"
      << indent << "NumberOfDirections: " << this->NumberOfDirections << "\n"
      << indent << "LineSpacing: " << this->LineSpacing << "\n"
      << indent << "Tolerance: " << this->Tolerance << "\n"

@@ -77,6 +77,13 @@ public:
   ///@}
 
   ///@{
+  /// One-shot: weight of the nodes next to the mask, where gradients are least certain, over that of all
+  /// others, > 0 to 1. Default 0.3. Other values are refused with an error.
+  vtkSetMacro(WallWeight, double);
+  vtkGetMacro(WallWeight, double);
+  ///@}
+
+  ///@{
   /// Parallel lines: directions, >= 12; the next larger 10 n^2 + 2 is taken. Default 642.
   vtkSetClampMacro(NumberOfDirections, int, 12, VTK_INT_MAX);
   vtkGetMacro(NumberOfDirections, int);
@@ -131,6 +138,7 @@ protected:
   double Viscosity = 1.1e-6;
   int Method = ONE_SHOT;
   int Order = 4;
+  double WallWeight = 0.3;
   int NumberOfDirections = 642;
   double LineSpacing = 0;
   double Tolerance = 0;

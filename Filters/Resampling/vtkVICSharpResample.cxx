@@ -107,6 +107,29 @@ int vtkVICSharpResample::FillInputPortInformation(int port, vtkInformation* info
   return 1;
 }
 
+/// The particles in the middle of the series; where they are too few to stand for it (a broken snapshot),
+/// those of the nearest time that has enough.
+vtkPolyData* vtkVICSharpResample::SampleOfSeries(vtkInformation* in) {
+  constexpr vtkIdType Enough = 100;
+  vtkAlgorithm* producer = this->GetInputAlgorithm(0, 0);
+  const auto particlesAt = [&](int step) {
+    if (step >= 0)
+      producer->UpdateTimeStep(in->Get(Pipeline::TIME_STEPS())[step]);
+    else
+      producer->Update();
+    return vtkPolyData::SafeDownCast(this->GetInputDataObject(0, 0));
+  };
+  const int steps = in->Length(Pipeline::TIME_STEPS());
+  if (steps == 0) return particlesAt(-1);
+  const int middle = steps / 2;
+  for (int distance = 0; distance <= middle; ++distance)
+    for (int step : {middle + distance, middle - distance}) {
+      vtkPolyData* particles = step < steps ? particlesAt(step) : nullptr;
+      if (particles && particles->GetNumberOfPoints() >= Enough) return particles;
+    }
+  return particlesAt(middle);
+}
+
 /// The grid is the same at all times: it is laid out for the snapshot in the middle of the series, and noise
 /// and smoothness are found from that one too, so that no result depends on where the user looked first.
 void vtkVICSharpResample::LayOut(vtkInformation* in) {
@@ -123,13 +146,7 @@ void vtkVICSharpResample::LayOut(vtkInformation* in) {
   Internals& state = *this->State;
   if (settings.str() == state.settings && upstream == state.upstream) return;
   state = Internals();
-  vtkAlgorithm* producer = this->GetInputAlgorithm(0, 0);
-  const int steps = in->Length(Pipeline::TIME_STEPS());
-  if (steps > 0)
-    producer->UpdateTimeStep(in->Get(Pipeline::TIME_STEPS())[steps / 2]);
-  else
-    producer->Update();
-  vtkPolyData* particles = vtkPolyData::SafeDownCast(this->GetInputDataObject(0, 0));
+  vtkPolyData* particles = this->SampleOfSeries(in);
   std::optional<std::array<double, 6>> bounds;
   if (this->UseBounds) {
     bounds.emplace();

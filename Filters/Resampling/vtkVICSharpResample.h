@@ -27,6 +27,8 @@
 #include <functional>
 #include <memory>
 
+class vtkPolyData;
+
 class VTKRIMFLOWFILTERS_EXPORT vtkVICSharpResample : public vtkImageAlgorithm {
 public:
   static vtkVICSharpResample* New();
@@ -110,6 +112,7 @@ private:
   void operator=(const vtkVICSharpResample&) = delete;
 
   void LayOut(vtkInformation* particles);
+  vtkPolyData* SampleOfSeries(vtkInformation* particles);
   std::function<bool(double)> ProgressBetween(double from, double to);
 
   struct Internals;

@@ -1,17 +1,23 @@
 """Pictures of a run (`--images`), drawn by ParaView from the files that the run wrote."""
 import os
+import tempfile
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 from rimflow.files import replacing
+from rimflow.force_report import LETTERS
 
-SIZE = (1400, 1050)
+SIZE, TITLE = (1400, 1050), 60  # pixels; TITLE: height of the strip above the picture
+TILE, TALL_TILE = (520, 520), (520, 780)
 
 
-def draw(out, trajectory, tracks, up):
-    """Draws the snapshot in the middle of those where the sphere was found, into `out`/report. Without one: nothing.
+def draw(out, trajectory, tracks, up, forces=None):
+    """Draws the snapshot in the middle of those where the sphere was found, and the pressure on the sphere at its instants, into
+    `out`/report. Without a snapshot: nothing.
 
     trajectory: rimflow.process.Trajectory. tracks: the track files. up: direction that points up in the picture.
+    forces: rimflow.forces.Forces or None.
     """
     from paraview import simple
 
@@ -24,6 +30,43 @@ def draw(out, trajectory, tracks, up):
     if os.path.exists(os.path.join(out, "fields.pvd")):
         scene.slice()
         scene.vortices()
+    if forces and forces.instants:
+        surface_pressure(simple, out, trajectory, forces, up)
+
+
+def surface_pressure(simple, out, trajectory, forces, up):
+    """surface.png: a column per instant; the pressure on the sphere with the vortices from the side, and from the front and the rear."""
+    low, high = np.percentile(np.concatenate([pressure for _, pressure in forces.surfaces.values()]), [0.5, 99.5])
+    limit = max(abs(low), abs(high), 1e-12)
+    tiles = [Scene(simple, out, trajectory, row, up).pressure_tiles(limit) for row in forces.instants]
+    figure, axes = plt.subplots(3, len(tiles), figsize=(3.2 * len(tiles) + 1.2, 11.5), layout="constrained", squeeze=False,
+                                gridspec_kw={"height_ratios": (TALL_TILE[1], TILE[1], TILE[1])})
+    for column, letter, row in zip(range(len(tiles)), LETTERS, forces.instants):
+        axes[0, column].set_title(f"{letter}: {trajectory.time[row]:.6g} s")
+        for ax, tile in zip(axes[:, column], tiles[column]):
+            ax.imshow(tile)
+    for ax in axes.flat:
+        ax.set(xticks=[], yticks=[])
+        ax.spines[:].set_visible(False)
+    vortices = " with vortices" if os.path.exists(os.path.join(out, "fields.pvd")) else ""
+    for ax, label in zip(axes[:, 0], ("from the side" + vortices, "front (leading side)", "rear")):
+        ax.set_ylabel(label)
+    colours = plt.cm.ScalarMappable(plt.Normalize(-limit, limit), "coolwarm")
+    figure.colorbar(colours, ax=axes, shrink=0.5, label="pressure on the sphere [Pa], zero: mean over the measured volume")
+    with replacing(os.path.join(out, "report", "surface.png")) as temporary:
+        figure.savefig(temporary, dpi=100)
+    plt.close(figure)
+
+
+def add_title(path, title):
+    """Puts a strip with the title above a picture, pixel for pixel."""
+    picture = plt.imread(path)
+    height, width = picture.shape[:2]
+    figure = plt.figure(figsize=(width / 100, (height + TITLE) / 100), dpi=100, facecolor="white")
+    figure.figimage(picture, 0, 0)
+    figure.text(0.5, 1 - 0.5 * TITLE / (height + TITLE), title, ha="center", va="center", fontsize=19, color="0.15")
+    figure.savefig(path, dpi=100)
+    plt.close(figure)
 
 
 class Scene:
@@ -42,18 +85,14 @@ class Scene:
         self.sphere = simple.PVDReader(FileName=os.path.join(out, "sphere.pvd"))
         self.path = simple.XMLPolyDataReader(FileName=[os.path.join(out, "trajectory.vtp")])
 
-    def view(self, title):
-        simple = self.simple
-        view = simple.CreateView("RenderView")
-        view.ViewSize = SIZE
+    def view(self, size=SIZE):
+        view = self.simple.CreateView("RenderView")
+        view.ViewSize = size
         view.OrientationAxesVisibility = 1
         view.UseColorPaletteForBackground = 0
         view.Background = [1, 1, 1]
         view.ViewTime = self.time
-        simple.SetActiveView(view)
-        text = simple.Text(Text=title)
-        label = simple.Show(text, view)
-        label.Color, label.FontSize, label.WindowLocation = [0.15, 0.15, 0.15], 24, "Upper Center"
+        self.simple.SetActiveView(view)
         return view
 
     def add_sphere(self, view):
@@ -75,6 +114,9 @@ class Scene:
         table.ApplyPreset(preset, True)
         table.RescaleTransferFunction(low, high)
         shown.LookupTable = table
+        if title is None:
+            shown.SetScalarBarVisibility(view, False)
+            return shown
         bar = self.simple.GetScalarBar(table, view)
         bar.Title, bar.ComponentTitle = title, ""
         bar.TitleColor = bar.LabelColor = [0.15, 0.15, 0.15]
@@ -83,27 +125,69 @@ class Scene:
         shown.SetScalarBarVisibility(view, True)
         return shown
 
-    def save(self, view, name, distance, turn=0.0):
+    def save(self, view, name, title, distance, turn=0.0):
         """distance: height of what is seen, in diameters. turn: degrees around the upward direction."""
         a = np.radians(turn)
         right = np.cross(self.up, self.across)
         direction = np.cos(a) * self.across + np.sin(a) * right + 0.25 * np.sin(abs(a)) * self.up
-        direction /= np.linalg.norm(direction)
-        focus = self.centre - 0.12 * distance * self.diameter * self.up
-        view.CameraParallelProjection = 1
-        view.CameraFocalPoint = list(focus)
-        view.CameraPosition = list(focus + 20 * self.diameter * direction)
-        view.CameraViewUp = list(self.up)
-        view.CameraParallelScale = 0.5 * distance * self.diameter
-        self.simple.Render(view)
+        self.aim(view, self.centre - 0.12 * distance * self.diameter * self.up, direction, self.up, distance)
         path = os.path.join(self.out, "report", name)
         with replacing(path) as temporary:
             self.simple.SaveScreenshot(temporary, view, ImageResolution=SIZE)
+            add_title(temporary, title)
         self.simple.Delete(view)
+
+    def aim(self, view, focus, direction, up, distance):
+        """The camera looks at focus from where direction points to; distance: height of what is seen, in diameters."""
+        direction = direction / np.linalg.norm(direction)
+        view.CameraParallelProjection = 1
+        view.CameraFocalPoint = list(focus)
+        view.CameraPosition = list(focus + 20 * self.diameter * direction)
+        view.CameraViewUp = list(up)
+        view.CameraParallelScale = 0.5 * distance * self.diameter
+        self.simple.Render(view)
+
+    def pressure_tiles(self, limit):
+        """Pictures of the pressure on the sphere: from the side, with the vortices where there are fields, from its front and its rear."""
+        view = self.view(TALL_TILE)
+        view.OrientationAxesVisibility = 0
+        ball = self.colour(view, self.sphere, "Pressure", -limit, limit, None, component=None, preset="Cool to Warm")
+        ball.Ambient, ball.Diffuse, ball.Specular = 0.6, 0.4, 0.0  # mostly flat, so that the colour is that of the scale
+        vortices = None
+        if os.path.exists(os.path.join(self.out, "fields.pvd")):
+            vortices = self.simple.Show(self.q_surface(self.fields()), view)
+            self.simple.ColorBy(vortices, None)
+            vortices.DiffuseColor, vortices.Opacity = [0.5, 0.55, 0.5], 0.25
+        ahead = self.motion / self.speed
+        self.aim(view, self.centre - 0.65 * self.diameter * self.up, self.across, self.up, 2.8)
+        tiles = [self.shot(view, TALL_TILE)]
+        if vortices:
+            vortices.Visibility = 0
+        view.ViewSize = TILE
+        for direction in (ahead, -ahead):
+            self.aim(view, self.centre, direction, self.across, 1.25)
+            tiles.append(self.shot(view, TILE))
+        self.simple.Delete(view)
+        return tiles
+
+    def shot(self, view, size):
+        """What the view shows, as an array."""
+        with tempfile.TemporaryDirectory() as folder:
+            path = os.path.join(folder, "shot.png")
+            self.simple.SaveScreenshot(path, view, ImageResolution=size)
+            return plt.imread(path)
+
+    def q_surface(self, flow):
+        """An iso-surface of Q at a quarter of (V/d)^2, the scale of the gradients that the sphere's motion makes."""
+        return self.simple.Contour(Input=flow, ContourBy=["POINTS", "QCriterion"], Isosurfaces=[float(self.q_level)])
+
+    @property
+    def q_level(self):
+        return 0.25 * (self.speed / self.diameter)**2
 
     def tracks(self, names):
         simple = self.simple
-        view = self.view("Particle tracks within a quarter diameter of the sphere's middle plane, and the sphere found among them")
+        view = self.view()
         reader = simple.STBTrackReader(FileNames=names, OutputMode="Pathlines", TrailLength=6)
         reader.UpdatePipeline(self.time)
         slab = simple.Clip(Input=reader, ClipType="Box")
@@ -114,7 +198,7 @@ class Scene:
         slab.ClipType.Length = [2 * h for h in half]
         self.colour(view, slab, "Velocity", 0, 0.6 * self.speed, "speed [m/s]").LineWidth = 2.5
         self.add_sphere(view)
-        self.save(view, "tracks.png", 4.2)
+        self.save(view, "tracks.png", "Particle tracks within a quarter diameter of the sphere's middle plane, and the sphere found among them", 4.2)
 
     def fields(self):
         reader = self.simple.PVDReader(FileName=os.path.join(self.out, "fields.pvd"))
@@ -123,7 +207,7 @@ class Scene:
 
     def slice(self):
         simple = self.simple
-        view = self.view("Velocity in the plane through the sphere's centre")
+        view = self.view()
         cut = simple.Slice(Input=self.fields())
         cut.SliceType.Origin, cut.SliceType.Normal = list(self.centre), list(self.across)
         self.colour(view, cut, "Velocity", 0, self.speed, "speed [m/s]")
@@ -133,18 +217,13 @@ class Scene:
         shown.ColorArrayName = ["POINTS", ""]
         shown.DiffuseColor = shown.AmbientColor = [1, 1, 1]
         self.add_sphere(view)
-        self.save(view, "slice.png", 4.2)
+        self.save(view, "slice.png", "Velocity in the plane through the sphere's centre", 4.2)
 
     def vortices(self):
-        """An iso-surface of Q at a quarter of (V/d)^2, the scale of the gradients that the sphere's motion makes."""
-        simple = self.simple
-        flow = self.fields()
-        level = 0.25 * (self.speed / self.diameter) ** 2
-        view = self.view(f"Vortices: iso-surface of Q = {level:.0f} 1/s2, coloured by the velocity along the motion")
-        along = simple.Calculator(Input=flow, ResultArrayName="AlongMotion",
+        simple, view = self.simple, self.view()
+        along = simple.Calculator(Input=self.fields(), ResultArrayName="AlongMotion",
                                   Function="+".join(f"({c / self.speed:.9g})*Velocity_{a}" for c, a in zip(self.motion, "XYZ")))
-        surface = simple.Contour(Input=along, ContourBy=["POINTS", "QCriterion"], Isosurfaces=[float(level)])
-        shown = self.colour(view, surface, "AlongMotion", -0.3 * self.speed, self.speed, "velocity along the motion [m/s]", component=None)
+        shown = self.colour(view, self.q_surface(along), "AlongMotion", -0.3 * self.speed, self.speed, "velocity along the motion [m/s]", component=None)
         shown.Opacity = 0.75
         self.add_sphere(view)
-        self.save(view, "vortices.png", 4.2, turn=25)
+        self.save(view, "vortices.png", f"Vortices: iso-surface of Q = {self.q_level:.0f} 1/s2, coloured by the velocity along the motion", 4.2, turn=25)

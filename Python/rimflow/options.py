@@ -36,6 +36,11 @@ def positive(text):
     return value
 
 
+def body_density(text):
+    """A density in kg/m3, or 'none' where it is not known."""
+    return None if text.strip().lower() == "none" else positive(text)
+
+
 def direction(text):
     """'0,1,0' -> (0, 1, 0), any length but zero."""
     try:
@@ -79,7 +84,7 @@ def _parser(command, description):
     p.add_argument("--viscosity", type=positive, default=1.1e-6, help="kinematic, of the fluid, m2/s")
     p.add_argument("--spacing", type=length, default=None, help="of the grid for the fields; default: from the particle density")
     p.add_argument("--up", type=direction, default=None,
-                   help="against gravity; default: 0,1,0 in pictures, and for the published method the direction of the sphere's motion")
+                   help="against gravity; default: 0,1,0, but for the published method the direction of the sphere's motion")
     p.add_argument("--steps", type=steps, default=slice(None), metavar="a:b:s", help="slice of snapshot indices (default: all)")
     p.add_argument("--frame-period", type=positive, default=None, help="seconds between snapshots, where the files give no time")
     return p
@@ -95,13 +100,16 @@ def sensitivity_parser():
 
 
 def parser():
-    p = _parser("process", "From the tracks of a Shake-The-Box export to the trajectory of the invisible sphere, and on request the flow around it.")
+    p = _parser("process", "From the tracks of a Shake-The-Box export to the trajectory of the invisible sphere, the flow around it and the forces on it.")
     p.add_argument("--density", type=positive, default=1820.0, help="of the fluid, kg/m3")
-    p.add_argument("--body-density", type=positive, default=1190.0, help="of the sphere, kg/m3")
+    p.add_argument("--body-density", type=body_density, default=1190.0,
+                   help="of the sphere, kg/m3, for the force that its motion demands; none: not known, or the motion is forced")
     p.add_argument("--method", choices=("likelihood", "published"), default="likelihood",
                    help="how the sphere is found: the void likelihood, or the cost function as published (slower: it needs the flow field)")
     p.add_argument("--fields", choices=("none", "vti"), default="none",
-                   help="vti: also reconstruct the flow and write Velocity, MaterialAcceleration, Vorticity, QCriterion and Mask per snapshot")
+                   help="vti: write Velocity, MaterialAcceleration, Vorticity, QCriterion, Pressure and Mask per snapshot")
+    p.add_argument("--no-forces", action="store_true",
+                   help="no forces, and without --fields no flow either, which takes nearly all of the time")
     p.add_argument("--ranks", type=int, default=1, help="processes (MPI) that share the snapshots")
     p.add_argument("--resume", action="store_true", help="go on with an interrupted run in the same folder")
     p.add_argument("--images", action="store_true", help="also draw the sphere with its tracks and vortices (PNG)")
@@ -144,5 +152,12 @@ def settings(options):
         "tracks": options.tracks, "diameter_m": options.diameter, "density_kg_m3": options.density,
         "viscosity_m2_s": options.viscosity, "body_density_kg_m3": options.body_density, "spacing_m": options.spacing,
         "up": list(options.up) if options.up else None, "steps": [options.steps.start, options.steps.stop, options.steps.step],
-        "method": options.method, "fields": options.fields, "frame_period_s": options.frame_period,
+        "method": options.method, "fields": options.fields, "forces": not options.no_forces, "frame_period_s": options.frame_period,
+        "gravity_m_s2": gravity(options),
     }
+
+
+def gravity(options):
+    """9.81 m/s2 against the upward direction, as a vector in m/s2."""
+    up = options.up or (0.0, 1.0, 0.0)
+    return [0.0 - 9.81 * u / math.hypot(*up) for u in up]

@@ -1,22 +1,29 @@
 """The filters as a chain for headless runs, and what is written from their outputs. The wrapped VTK classes do the work."""
 import ctypes
 import os
+import sys
+import time as clock
+import traceback
+from dataclasses import dataclass, field
 
 import numpy as np
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 from vtkmodules.vtkCommonCore import VTK_STRING, vtkPoints, vtkVersion
-from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
+from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkDataObject, vtkPolyData
 from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
 from vtkmodules.vtkFiltersSources import vtkSphereSource
 from vtkmodules.vtkIOXML import vtkXMLImageDataWriter, vtkXMLPolyDataReader, vtkXMLPolyDataWriter
 from vtkmodules.vtkParallelCore import vtkMultiProcessController
 
 from rimflow import files
-from rimflow.options import UsageError
-from rimflow.vtkRIMFlowFilters import vtkInvisibleSphereLocator, vtkQCriterion, vtkTrajectorySmoother, vtkVICSharpResample
+from rimflow.options import UsageError, gravity
+from rimflow.vtkRIMFlowFilters import (vtkInvisibleSphereLocator, vtkOmni3DPressure, vtkQCriterion, vtkSurfaceForce, vtkTrajectorySmoother,
+                                       vtkVICSharpResample)
 from rimflow.vtkRIMFlowReaders import vtkSTBTrackReader
 
-FIELD_ARRAYS = ("Velocity", "MaterialAcceleration", "Vorticity", "QCriterion", "Mask", "vtkGhostType")
+FIELD_ARRAYS = ("Velocity", "MaterialAcceleration", "Vorticity", "QCriterion", "Pressure", "PressureError", "Mask", "vtkGhostType")
+# chi-squared that three components of pure noise exceed as seldom as a normal variable its three standard deviations (0.27 %)
+SIGNIFICANT = 14.16
 
 
 class PipelineError(Exception):
@@ -67,7 +74,7 @@ class Errors:
 
 
 class Chain:
-    """Tracks -> locator, and tracks + sphere -> VIC# -> Q-criterion, for any time of the file."""
+    """Tracks -> locator, for any time of the file."""
 
     def __init__(self, options):
         self.options, self.errors = options, Errors()
@@ -81,21 +88,11 @@ class Chain:
         self.locator.SetDiameter(options.diameter)
         self.locator.JointTrajectoryOff()  # all ranks' snapshots are estimated together in the end
         self.locator.SetUpDirection(*(options.up or (0, 0, 0)))
-        self.flow = self._flow()
-        self.masked_flow = self._flow()
+        self.flow = flow_filters(self.reader, options)
         if options.method == "published":
             self.locator.SetMethodToPublishedCost()
             self.locator.SetInputConnection(1, self.flow[1].GetOutputPort())
-        self.errors.watch(self.reader, self.locator, *self.flow, *self.masked_flow)
-
-    def _flow(self):
-        resample, vortices = vtkVICSharpResample(), vtkQCriterion()
-        resample.SetInputConnection(0, self.reader.GetOutputPort())
-        resample.SetViscosity(self.options.viscosity)
-        if self.options.spacing:
-            resample.SetSpacing(self.options.spacing)
-        vortices.SetInputConnection(resample.GetOutputPort())
-        return resample, vortices
+        self.errors.watch(self.reader, self.locator, *self.flow)
 
     def times(self):
         """The times of the snapshots in the files, s."""
@@ -127,22 +124,97 @@ class Chain:
         self.errors.check()
         return _kept(self.reader.GetOutput()), _kept(self.flow[1].GetOutput()) if flow else None
 
-    def fields(self, time, body):
-        """The flow around the sphere at one time: a vtkImageData with FIELD_ARRAYS."""
-        resample, vortices = self.masked_flow
-        if body.GetFieldData().GetArray("Centre"):
-            resample.SetInputDataObject(1, body)
-        else:
-            resample.SetInputConnection(1, None)
-        vortices.UpdateTimeStep(time)
+
+def flow_filters(reader, options):
+    """VIC# and the Q-criterion on a reader's particles."""
+    resample, vortices = vtkVICSharpResample(), vtkQCriterion()
+    resample.SetInputConnection(0, reader.GetOutputPort())
+    resample.SetViscosity(options.viscosity)
+    if options.spacing:
+        resample.SetSpacing(options.spacing)
+    vortices.SetInputConnection(resample.GetOutputPort())
+    return resample, vortices
+
+
+@dataclass
+class Flow:
+    """The flow of one snapshot. A step that fails leaves what was there before it, and the reason."""
+    image: object = None    # vtkImageData with FIELD_ARRAYS
+    quality: dict = None    # how well it was reconstructed
+    surface: object = None  # vtkPolyData with Pressure and Traction; None where the forces are not known
+    forces: dict = None     # the numbers of vtkSurfaceForce's table by their names
+    note: str = ""          # what the user should know of the forces
+    failed: str = ""        # what failed, and why
+    seconds: dict = field(default_factory=dict)  # per step
+
+
+class FlowChain:
+    """Tracks + sphere -> VIC# -> Q-criterion -> pressure -> forces on the sphere, for any time of the file."""
+
+    def __init__(self, chain):
+        options = chain.options
+        self.options, self.errors = options, chain.errors
+        self.resample, self.vortices = flow_filters(chain.reader, options)
+        self.pressure, self.force = vtkOmni3DPressure(), vtkSurfaceForce()
+        self.pressure.SetInputConnection(0, self.vortices.GetOutputPort())
+        self.pressure.SetDensity(options.density)
+        self.pressure.SetViscosity(options.viscosity)
+        self.force.SetInputConnection(0, self.pressure.GetOutputPort())
+        self.force.SetDensity(options.density)
+        self.force.SetViscosity(options.viscosity)
+        self.force.SetBodyDensity(options.body_density or 0)
+        self.force.SetGravity(*gravity(options))
+        self.errors.watch(self.resample, self.vortices, self.pressure, self.force)
+        self.resample.UpdateInformation()  # reads a snapshot from the middle of the series: where that one is broken, this is not ...
+        self.errors.messages.clear()       # ... the fault of the snapshot that comes first
+
+    def compute(self, time, body):
+        """The Flow at one time around a Body; without its `Centre` there are no forces. Raises nothing for what the filters report."""
+        known = bool(body.GetFieldData().GetArray("Centre"))
+        moving = wall(body) if known else None
+        for step in (self.resample, self.pressure, self.force):
+            step.SetInputDataObject(1, moving)
+        flow = Flow()
+        try:
+            for name, step in (("flow", self.vortices), ("pressure", self.pressure)):
+                flow.seconds[name] = self._run(step, time)
+                flow.image = _with_arrays(step.GetOutputDataObject(0), FIELD_ARRAYS)
+                flow.quality = {**(flow.quality or {}), **quality(flow.image, QUALITY[name])}
+            if known and not self.options.no_forces:
+                flow.seconds["forces"] = self._run(self.force, time)
+                numbers, flow.note = force_row(self.force.GetOutputDataObject(1))
+                if numbers["drag_N"] is None:
+                    raise PipelineError(flow.note)
+                flow.forces, flow.surface = numbers, _kept(self.force.GetOutputDataObject(0))
+                flow.surface.GetFieldData().AddArray(body.GetFieldData().GetArray("Acceleration"))
+        except PipelineError as error:
+            flow.failed = str(error)
+        return flow
+
+    def _run(self, step, time):
+        start = clock.monotonic()
+        step.UpdateTimeStep(time)
         self.errors.check()
-        image = vortices.GetOutput().NewInstance()
-        image.ShallowCopy(vortices.GetOutput())
-        points = image.GetPointData()
-        for name in [points.GetArrayName(i) for i in range(points.GetNumberOfArrays())]:
-            if name not in FIELD_ARRAYS:
-                points.RemoveArray(name)
-        return image
+        return round(clock.monotonic() - start, 4)
+
+
+def force_row(table):
+    """The one row of vtkSurfaceForce's table: its numbers by name, and its note."""
+    numbers = {}
+    for i in range(table.GetNumberOfColumns()):
+        column = table.GetColumn(i)
+        if hasattr(column, "GetTuple1"):
+            numbers[column.GetName()] = _plain(column.GetTuple1(0))
+    return numbers, _text(table, "note")
+
+
+def _with_arrays(image, names):
+    copy = _kept(image)
+    points = copy.GetPointData()
+    for name in [points.GetArrayName(i) for i in range(points.GetNumberOfArrays())]:
+        if name not in names:
+            points.RemoveArray(name)
+    return copy
 
 
 def _kept(data):
@@ -164,21 +236,24 @@ def located(found):
     return {k: _plain(v) for k, v in record.items()}
 
 
-QUALITY_ARRAYS = ("MisfitVelocity", "MisfitAcceleration", "VelocityNoise", "AccelerationNoise", "DivergenceNorm", "CurvatureWeight",
-                  "ParticlesUsed", "Outliers", "Iterations", "ElapsedTime")
+# numbers of the run's report by the names of the field data that vtkVICSharpResample and vtkOmni3DPressure give
+QUALITY = {
+    "flow": {name: name for name in ("MisfitVelocity", "MisfitAcceleration", "VelocityNoise", "AccelerationNoise", "DivergenceNorm",
+                                     "CurvatureWeight", "ParticlesUsed", "Outliers", "Iterations", "ElapsedTime")},
+    "pressure": {"PressureIterations": "Iterations", "PressureCurlResidual": "CurlResidual"}}
 
 
-def quality(image):
-    """How well the flow was reconstructed, as plain numbers by the names of vtkVICSharpResample's field data."""
-    return {name: _plain(_values(image, name)[0]) for name in QUALITY_ARRAYS}
+def quality(image, names):
+    """How well the flow or its pressure was found, as plain numbers."""
+    return {name: _plain(_values(image, array)[0]) for name, array in names.items()}
 
 
 def _array(data, name):
-    for attributes in (data.GetPointData(), data.GetFieldData()):
-        array = attributes.GetAbstractArray(name)
+    for attributes in (data.GetAttributes(vtkDataObject.POINT), data.GetAttributes(vtkDataObject.ROW), data.GetFieldData()):
+        array = attributes and attributes.GetAbstractArray(name)
         if array and array.GetNumberOfTuples():
             return array
-    raise PipelineError(f"the locator gave no array {name}")
+    raise PipelineError(f"there is no array {name}")
 
 
 def _values(data, name):
@@ -225,21 +300,39 @@ def smooth(times, centres, covariances, status, diameter, walls=()):
     errors.check()
     output = smoother.GetOutput().GetPointData()
     return {name: vtk_to_numpy(output.GetArray(name)).copy()
-            for name in ("Centre", "Velocity", "Acceleration", "Covariance", "VelocitySigma", "AngularVelocity",
+            for name in ("Centre", "Velocity", "Acceleration", "Covariance", "VelocitySigma", "AccelerationSigma", "AngularVelocity",
                          "AngularVelocitySigma", "Status")}
 
 
+def significant(vector, sigma):
+    """Whether a vector is more than noise. sigma: per component; not positive where the vector is not known."""
+    return bool(np.all(sigma > 0) and np.sum((vector / sigma)**2) > SIGNIFICANT)
+
+
 def body(trajectory, row):
-    """One row of the trajectory as a Body (field data); without `Centre` where the sphere is lost."""
+    """One row of the trajectory as a Body (field data); without `Centre` where the sphere is lost. The wall turns only where the
+    rotation is significant: else its error would be a motion of the wall that nobody has seen."""
     data = vtkPolyData()
     add_array(data.GetFieldData(), "Time", np.array([trajectory.time[row]]))
     add_array(data.GetFieldData(), "Status", np.array([int(trajectory.status[row])], np.int32))
     if trajectory.status[row] != 2:
         for name, values in (("Centre", trajectory.centre), ("Velocity", trajectory.velocity), ("Acceleration", trajectory.acceleration),
-                             ("Covariance", trajectory.covariance)):
+                             ("AccelerationSigma", trajectory.acceleration_sigma), ("Covariance", trajectory.covariance)):
             add_array(data.GetFieldData(), name, values[row][None, :])
+        if significant(trajectory.rotation[row], trajectory.rotation_sigma[row]):
+            add_array(data.GetFieldData(), "AngularVelocity", trajectory.rotation[row][None, :])
         add_array(data.GetFieldData(), "Diameter", np.array([trajectory.diameter]))
     return data
+
+
+def wall(body_data):
+    """The Body as the flow is to follow it: without an acceleration that is not significant. The wall's acceleration is taken for
+    certain; that of a few snapshots is not, and would falsify the pressure and the momentum balance."""
+    copy = _kept(body_data)
+    arrays = copy.GetFieldData()
+    if arrays.GetArray("Acceleration") and not significant(*(vtk_to_numpy(arrays.GetArray(name))[0] for name in ("Acceleration", "AccelerationSigma"))):
+        arrays.RemoveArray("Acceleration")
+    return copy
 
 
 def sphere(body_data):
@@ -281,6 +374,12 @@ def read_polydata(path):
     return reader.GetOutput()
 
 
+def surface_pressure(path):
+    """Points (n, 3) and pressure (n,) of a sphere's file."""
+    surface = read_polydata(path)
+    return vtk_to_numpy(surface.GetPoints().GetData()).astype(float), vtk_to_numpy(surface.GetPointData().GetArray("Pressure")).astype(float)
+
+
 def write_polydata(path, data):
     _write(vtkXMLPolyDataWriter(), path, data)
 
@@ -316,6 +415,36 @@ def paraview_version():
 
 def vtk_version():
     return vtkVersion.GetVTKVersion()
+
+
+def run(main):
+    """Runs main(arguments) -> exit status as the whole program."""
+    try:
+        status = main(sys.argv[1:])
+    except Exception:  # a defect of ours: say so, and do not leave other ranks waiting
+        traceback.print_exc()
+        status = 1
+    sys.stdout.flush()
+    sys.stderr.flush()
+    leave(status)
+
+
+def answered(command, work, speaks=True):
+    """The exit status of work(); what goes wrong in it becomes a message for the user. speaks: not where another rank says the same."""
+    try:
+        work()
+        return 0
+    except SystemExit as error:  # argparse has printed its message
+        return int(error.code or 0)
+    except UsageError as error:
+        if speaks:
+            print(f"rimflow {command}: {error}", file=sys.stderr)
+        return 2
+    except PipelineError as error:
+        print(f"rimflow {command}: {error}", file=sys.stderr)
+    except OSError as error:
+        print(f"rimflow {command}: {error.strerror or error}: {error.filename or ''}", file=sys.stderr)
+    return 1
 
 
 def leave(status):

@@ -1,9 +1,10 @@
-"""`rimflow process`: tracks in, the sphere's trajectory and the flow around it out. Runs under pvbatch, alone or with MPI.
+"""`rimflow process`: tracks in, the sphere's trajectory, the flow around it and the forces on it out. Runs under pvbatch, alone or with MPI.
 
 Three passes, each over this rank's contiguous share of the snapshots:
-1. every snapshot by itself: find the sphere           -> snapshots/NNNNNN.json (what --resume goes on from), NNNNNN.wall.vtp
-2. all snapshots together: the path, on the first rank -> trajectory.csv
-3. every snapshot with the smoothed sphere: the files  -> sphere/, fields/, report/
+1. every snapshot by itself: find the sphere            -> snapshots/NNNNNN.json (what --resume goes on from), NNNNNN.wall.vtp
+2. all snapshots together: the path, on the first rank  -> trajectory.csv
+3. every snapshot with the smoothed sphere: flow, forces -> sphere/, fields/, snapshots/NNNNNN.flow.json (what --resume goes on from)
+In the end the first rank writes what concerns all snapshots: forces.csv, run.json, report/.
 """
 import itertools
 import json
@@ -12,12 +13,11 @@ import platform
 import shutil
 import sys
 import time
-import traceback
 from dataclasses import dataclass
 
 import numpy as np
 
-from rimflow import files, options as command_line, pipeline
+from rimflow import files, forces, options as command_line, pipeline
 from rimflow.options import UsageError
 from rimflow.progress import ProgressBar
 
@@ -41,6 +41,7 @@ class Trajectory:
     acceleration: np.ndarray    # (n, 3)
     covariance: np.ndarray      # (n, 6): xx yy zz xy yz xz, of the smoothed centre
     velocity_sigma: np.ndarray  # (n, 3)
+    acceleration_sigma: np.ndarray  # (n, 3)
     rotation: np.ndarray        # (n, 3), angular velocity, rad/s
     rotation_sigma: np.ndarray  # (n, 3); -1: the rotation is not known
     raw: np.ndarray             # (n, 3), the single-snapshot estimate
@@ -56,19 +57,7 @@ class Trajectory:
 def main(arguments):
     """Runs the command; returns the exit status."""
     ranks = pipeline.Ranks()
-    try:
-        options = command_line.parse(arguments)
-        Run(options, ranks).execute()
-        return 0
-    except SystemExit as error:  # argparse has printed its message
-        return int(error.code or 0)
-    except UsageError as error:
-        if ranks.first:
-            print(f"rimflow process: {error}", file=sys.stderr)
-        return 2
-    except OSError as error:
-        print(f"rimflow process: {error.strerror or error}: {error.filename or ''}", file=sys.stderr)
-        return 1
+    return pipeline.answered("process", lambda: Run(command_line.parse(arguments), ranks).execute(), speaks=ranks.first)
 
 
 class Run:
@@ -83,6 +72,8 @@ class Run:
         self.selected.sort()
         self.mine = ranks.share(self.selected)
         self.timings = {}
+        self.with_forces, self.with_fields = not options.no_forces, options.fields != "none"
+        self.with_flow = self.with_forces or self.with_fields
 
     def execute(self):
         if self.ranks.first:
@@ -90,7 +81,7 @@ class Run:
         self.ranks.wait()
         self.timed("locate", self.locate)
         trajectory = self.timed("smooth", self.smooth)
-        self.timed("write", lambda: self.write(trajectory))
+        self.timed("flow" if self.with_flow else "write", lambda: self.write(trajectory))
         if self.ranks.first:
             self.finish(trajectory)
 
@@ -112,6 +103,15 @@ class Run:
     def wall_path(self, k):
         return self.path("snapshots", f"{k:06d}.wall.vtp")
 
+    def flow_record_path(self, k):
+        return self.path("snapshots", f"{k:06d}.flow.json")
+
+    def sphere_path(self, k):
+        return self.path("sphere", f"{k:06d}.vtp")
+
+    def image_path(self, k):
+        return self.path("fields", f"{k:06d}.vti")
+
     def prepare_folder(self):
         """A fresh folder, or the one of the interrupted run when it was made with the same settings."""
         os.makedirs(self.options.out, exist_ok=True)
@@ -127,10 +127,10 @@ class Run:
         else:
             for folder in ("snapshots", "sphere", "fields", "report"):
                 shutil.rmtree(self.path(folder), ignore_errors=True)
-            for name in ("trajectory.csv", "sphere.pvd", "fields.pvd", "run.json", "trajectory.vtp"):
+            for name in ("trajectory.csv", "forces.csv", "sphere.pvd", "fields.pvd", "run.json", "trajectory.vtp"):
                 if os.path.exists(self.path(name)):
                     os.remove(self.path(name))
-        for folder in ("snapshots", "sphere", "report") + (("fields",) if self.options.fields != "none" else ()):
+        for folder in ("snapshots", "sphere", "report") + (("fields",) if self.with_fields else ()):
             os.makedirs(self.path(folder), exist_ok=True)
         files.write_json(earlier, settings)
 
@@ -195,44 +195,58 @@ class Run:
         return trajectory
 
     def write(self, trajectory):
-        """The sphere and, on request, the flow of every snapshot of this rank's share."""
-        self.problems = []
+        """The sphere and the flow around it, for every snapshot of this rank's share."""
         row_of = {k: i for i, k in enumerate(self.selected)}
-        bar = ProgressBar("fields" if self.options.fields != "none" else "files", len(self.mine)) if self.ranks.first else None
+        flow = pipeline.FlowChain(self.chain) if self.with_flow else None
+        bar = ProgressBar("flow" if flow else "files", len(self.mine)) if self.ranks.first else None
         for done, k in enumerate(self.mine):
             if bar:
                 bar.show(done)
             body = pipeline.body(trajectory, row_of[k])
-            pipeline.write_polydata(self.path("sphere", f"{k:06d}.vtp"), pipeline.sphere(body))
-            target = self.path("fields", f"{k:06d}.vti")
-            if self.options.fields == "none" or (self.options.resume and os.path.exists(target)):
-                continue
-            try:
-                image = self.chain.fields(self.times[k], body)
-                files.write_json(self.path("snapshots", f"{k:06d}.quality.json"), {"snapshot": k, **pipeline.quality(image)})
-                pipeline.write_image(target, image)
-            except pipeline.PipelineError as error:
-                files.write_json(self.path("snapshots", f"{k:06d}.fields-failed.json"), {"snapshot": k, "reason": str(error)})
+            known = trajectory.status[row_of[k]] != LOST
+            if not flow or not (known or self.with_fields):
+                pipeline.write_polydata(self.sphere_path(k), pipeline.sphere(body))
+            elif not self.flow_done(k):
+                self.keep_flow(k, body, flow.compute(self.times[k], body))
         if bar:
             bar.show(len(self.mine))
+
+    def flow_done(self, k):
+        """Whether an interrupted run had finished this snapshot; one that failed is tried again."""
+        return self.options.resume and os.path.exists(self.flow_record_path(k)) and not read_json(self.flow_record_path(k))["failed"]
+
+    def keep_flow(self, k, body, flow):
+        """The record last: a snapshot that has it is done."""
+        pipeline.write_polydata(self.sphere_path(k), pipeline.sphere(body) if flow.surface is None else flow.surface)
+        if self.with_fields and flow.image is not None:
+            pipeline.write_image(self.image_path(k), flow.image)
+        files.write_json(self.flow_record_path(k), {
+            "snapshot": k, "quality": flow.quality, "forces": flow.forces, "note": flow.note,
+            "failed": flow.failed, "seconds": flow.seconds})
+
+    def read_flow_records(self):
+        """One per selected snapshot; of a lost snapshot without fields nothing was computed."""
+        nothing = {"quality": None, "forces": None, "note": "", "failed": "", "seconds": {}}
+        return [read_json(self.flow_record_path(k)) if os.path.exists(self.flow_record_path(k)) else {"snapshot": k, **nothing}
+                for k in self.selected]
 
     def finish(self, trajectory):
         """What one rank writes when all the others have written theirs."""
         from rimflow.report import write_report
 
-        options = self.options
+        options, flows = self.options, self.read_flow_records()
         files.write_pvd(self.path("sphere.pvd"), [(self.times[k], f"sphere/{k:06d}.vtp") for k in self.selected])
         pipeline.write_polydata(self.path("trajectory.vtp"), pipeline.polyline(trajectory))
-        reconstruction = []
-        problems = [(r["snapshot"], r["status_text"]) for r in self.records if r["status"] == LOST]
-        if options.fields != "none":
-            there = [k for k in self.selected if os.path.exists(self.path("fields", f"{k:06d}.vti"))]
+        if self.with_fields:
+            there = [k for k in self.selected if os.path.exists(self.image_path(k))]
             files.write_pvd(self.path("fields.pvd"), [(self.times[k], f"fields/{k:06d}.vti") for k in there])
-            for k in sorted(set(self.selected) - set(there)):
-                failed = read_json(self.path("snapshots", f"{k:06d}.fields-failed.json"))
-                problems.append((k, "no fields: " + failed["reason"]))
-            qualities = [self.path("snapshots", f"{k:06d}.quality.json") for k in there]
-            reconstruction = [read_json(name) for name in qualities if os.path.exists(name)]
+        loads = None
+        if self.with_forces:
+            loads = forces.assembled(flows, trajectory, options.density)
+            files.write_csv(self.path("forces.csv"), forces.COLUMNS + forces.FURTHER, loads.rows())
+            loads.surfaces = {row: pipeline.surface_pressure(self.sphere_path(self.selected[row])) for row in loads.instants}
+        problems = [(r["snapshot"], r["status_text"]) for r in self.records if r["status"] == LOST]
+        problems += [(r["snapshot"], f"{self.missing(r)}: {r['failed']}") for r in flows if r["failed"]]
         run = {
             "settings": command_line.settings(options),
             "versions": {"rimflow": pipeline.version(), "paraview": pipeline.paraview_version(), "vtk": pipeline.vtk_version(),
@@ -240,28 +254,51 @@ class Run:
             "started": self.started, "seconds": round(time.monotonic() - self.clock, 3), "ranks": self.ranks.count,
             "timings": self.timings,
             "snapshots": {"selected": len(self.selected), **{name: int(np.sum(trajectory.status == value))
-                          for name, value in (("found", FOUND), ("predicted", PREDICTED), ("lost", LOST))}},
-            "seconds_per_snapshot": {str(r["snapshot"]): r["seconds"] for r in self.records},
-            "reconstruction": reconstruction,
-            "problems": [list(p) for p in problems],
+                          for name, value in (("found", FOUND), ("predicted", PREDICTED), ("lost", LOST))},
+                          "with_forces": int(loads.known.sum()) if loads else 0},
+            "seconds_per_snapshot": {str(r["snapshot"]): {"locate": r["seconds"], **f["seconds"]} for r, f in zip(self.records, flows)},
+            "reconstruction": [{"snapshot": r["snapshot"], **r["quality"]} for r in flows if r["quality"]],
+            "reynolds": reynolds(trajectory, options.viscosity),
+            "forces": forces.summary(loads) if loads else {},
+            "notes": [[r["snapshot"], r["note"]] for r in flows if r["note"]],
+            "problems": [list(p) for p in sorted(problems)],
         }
         files.write_json(self.path("run.json"), run)
-        write_report(self.path("report"), trajectory, run)
+        write_report(self.path("report"), trajectory, run, loads)
         if options.images:  # last: without a working display ParaView ends the process
             from rimflow import images
 
-            images.draw(options.out, trajectory, options.tracks, options.up or (0, 1, 0))
-            write_report(self.path("report"), trajectory, run)
-        counts = run["snapshots"]
+            images.draw(options.out, trajectory, options.tracks, options.up or (0, 1, 0), loads)
+            write_report(self.path("report"), trajectory, run, loads)
+        self.say(run)
+
+    def missing(self, record):
+        """What a snapshot whose flow failed has not."""
+        if not record["quality"]:
+            return "no flow" if self.with_fields else "no forces"
+        return "no forces" if self.with_forces else "no pressure"
+
+    def say(self, run):
+        counts, found = run["snapshots"], run["forces"]
+        if found:
+            print("Drag coefficient, mean and standard deviation over time: " + ", ".join(
+                f"{found[key]['Cd_mean']:.3f} +- {found[key]['Cd_std']:.3f} ({name})"
+                for key, name in (("surface", "surface"), ("control_volume", "control volume"), ("motion", "motion and buoyancy")) if key in found))
         print(f"{counts['selected']} snapshots: {counts['found']} found, {counts['predicted']} predicted, {counts['lost']} lost. "
               f"See {self.path('report', 'index.html')}")
-        for k, text in problems:
+        for k, text in run["problems"]:
             print(f"snapshot {k}: {text}", file=sys.stderr)
 
 
 def read_json(name):
     with open(name, encoding="utf-8") as f:
         return json.load(f)
+
+
+def reynolds(trajectory, viscosity):
+    """V d/nu with the mean speed; None where the sphere is lost throughout."""
+    speed = np.linalg.norm(trajectory.velocity[trajectory.status != LOST], axis=1)
+    return float(speed.mean() * trajectory.diameter / viscosity) if len(speed) else None
 
 
 def smooth(records, diameter, walls):
@@ -284,7 +321,7 @@ def assembled(records, diameter, smoothed):
     return Trajectory(
         diameter=diameter, snapshot=np.array([r["snapshot"] for r in records]), time=np.array([r["time_s"] for r in records], float),
         status=smoothed["Status"], centre=smoothed["Centre"], velocity=smoothed["Velocity"], acceleration=smoothed["Acceleration"],
-        covariance=smoothed["Covariance"], velocity_sigma=smoothed["VelocitySigma"],
+        covariance=smoothed["Covariance"], velocity_sigma=smoothed["VelocitySigma"], acceleration_sigma=smoothed["AccelerationSigma"],
         rotation=smoothed["AngularVelocity"], rotation_sigma=smoothed["AngularVelocitySigma"], raw=raw, raw_sigma=np.sqrt(raw_covariance[:, :3]),
         particles_inside=np.array([r.get("particles_inside", -1) for r in records]),
         cost=np.array([r.get("cost", np.nan) for r in records], float))
@@ -298,11 +335,4 @@ def trajectory_rows(t):
 
 
 if __name__ == "__main__":
-    try:
-        status = main(sys.argv[1:])
-    except Exception:  # a defect of ours: say so, and do not leave the other ranks waiting
-        traceback.print_exc()
-        status = 1
-    sys.stdout.flush()
-    sys.stderr.flush()
-    pipeline.leave(status)
+    pipeline.run(main)

@@ -8,24 +8,30 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
+from rimflow import force_report
 from rimflow.files import replacing, write_text
 
 AXES = ("x", "y", "z")
 COLOURS = ("#c1433c", "#3b7d3c", "#33609e")
 FOUND, PREDICTED, LOST = 0, 1, 2
 STYLE = """body{font:16px/1.5 sans-serif;max-width:1100px;margin:2em auto;padding:0 1em;color:#222}
+.numbers td,.numbers th{padding:0.1em 1.2em 0.1em 0;font-variant-numeric:tabular-nums}
 th{text-align:left;padding-right:2em;font-weight:600;vertical-align:top}img{max-width:100%}figure{margin:2em 0}figcaption{color:#555}"""
 STATUS_NAMES = {FOUND: "found", PREDICTED: "predicted from its neighbours", LOST: "lost"}
 
 
-def write_report(folder, trajectory, run):
-    """trajectory: arrays over the snapshots (see rimflow.process.Trajectory); run: what run.json holds. Returns the file names."""
+def write_report(folder, trajectory, run, forces=None):
+    """trajectory: arrays over the snapshots (see rimflow.process.Trajectory); run: what run.json holds; forces: rimflow.forces.Forces.
+    Returns the file names."""
     os.makedirs(folder, exist_ok=True)
     pages = []
     if np.any(trajectory.status != LOST):
         pages = [("trajectory.png", "Trajectory of the sphere's centre, coloured by its speed", plot_trajectory),
                  ("motion.png", "Position and velocity over time; the bands are two standard deviations wide to either side", plot_motion),
                  ("quality.png", "How well each snapshot was determined", plot_quality)]
+    if forces and forces.known.any():
+        of_forces = lambda plot: lambda trajectory, run: plot(trajectory, forces, run)
+        pages += [(name, caption, of_forces(plot)) for name, caption, plot in force_report.PAGES]
     if run["reconstruction"]:
         pages.append(("reconstruction.png", "How well the flow was reconstructed", plot_reconstruction))
     for name, _, plot in pages:
@@ -162,13 +168,13 @@ def index_html(folder, t, run, pages):
     counts = {status: int(np.sum(t.status == status)) for status in STATUS_NAMES}
     rows = [("Snapshots", f"{len(t.time)}: " + ", ".join(f"{n} {STATUS_NAMES[k]}" for k, n in counts.items() if n)),
             ("Time", f"{t.time.min():.6g} to {t.time.max():.6g} s" if len(t.time) else "none"),
-            ("Sphere", f"d = {1e3 * s['diameter_m']:g} mm, {s['body_density_kg_m3']:g} kg/m3"),
+            ("Sphere", f"d = {1e3 * s['diameter_m']:g} mm, " + (f"{s['body_density_kg_m3']:g} kg/m3" if s["body_density_kg_m3"] else "density not known")),
             ("Fluid", f"{s['density_kg_m3']:g} kg/m3, {s['viscosity_m2_s']:g} m2/s")]
     shown = t.status != LOST
     if shown.any():
         speed = np.linalg.norm(t.velocity[shown], axis=1)
         rows += [("Speed of the sphere", f"{speed.mean():.5f} m/s on average, {speed.min():.5f} to {speed.max():.5f} m/s"),
-                 ("Reynolds number V d/nu", f"{speed.mean() * s['diameter_m'] / s['viscosity_m2_s']:.4g}"),
+                 ("Reynolds number V d/nu", f"{run['reynolds']:.4g}"),
                  ("Uncertainty of the centre", f"{100 * np.mean(t.sigma[shown]) / t.diameter:.3f} % of d per axis, smoothed; "
                   f"{100 * np.mean(t.raw_sigma[t.status == FOUND]) / t.diameter:.3f} % from one snapshot (one standard deviation)"
                   if np.any(t.status == FOUND) else "no snapshot was found")]
@@ -188,8 +194,9 @@ def index_html(folder, t, run, pages):
 {table}
 </table>
 {f"<h2>Problems</h2><ul>{problems}</ul>" if problems else ""}
+{force_report.section(run)}
 {figures if figures else "<p>The sphere was found in no snapshot, so there is nothing to plot. Check the diameter and the part of the volume that has particles.</p>"}
-<p>Files beside this report: trajectory.csv (all numbers), sphere.pvd (open it in ParaView){", fields.pvd (the flow, open it in ParaView)" if s["fields"] != "none" else ""}, run.json (settings, versions, timings).</p>
+<p>Files beside this report: trajectory.csv{" and forces.csv" if s["forces"] else ""} (all numbers), sphere.pvd (open it in ParaView{"; colour it by Pressure" if run["forces"] else ""}){", fields.pvd (the flow, open it in ParaView)" if s["fields"] != "none" else ""}, run.json (settings, versions, timings).</p>
 </body></html>
 """
 
@@ -197,4 +204,5 @@ def index_html(folder, t, run, pages):
 def image_caption(name):
     return {"tracks.png": "Particle tracks, coloured by their speed, and the sphere that was found among them",
             "vortices.png": "Vortices (iso-surface of the Q-criterion, coloured by the velocity along the sphere's motion) and the sphere",
-            "slice.png": "Velocity in the plane through the sphere's centre"}.get(name, name)
+            "slice.png": "Velocity in the plane through the sphere's centre",
+            "surface.png": "Pressure on the sphere at the instants A to D of the plots over time, from the side, the front and the rear"}.get(name, name)

@@ -7,9 +7,7 @@ runs on the same snapshots for every variation, in the order of time, as in a re
 import itertools
 import os
 import platform
-import sys
 import time
-import traceback
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -441,20 +439,7 @@ def choose_weights(converged, steadiness):
 
 def main(arguments):
     """Runs the command; returns the exit status."""
-    try:
-        Run(command_line.parse_sensitivity(arguments)).execute()
-        return 0
-    except SystemExit as error:  # argparse has printed its message
-        return int(error.code or 0)
-    except UsageError as error:
-        print(f"rimflow sensitivity: {error}", file=sys.stderr)
-        return 2
-    except pipeline.PipelineError as error:
-        print(f"rimflow sensitivity: {error}", file=sys.stderr)
-        return 1
-    except OSError as error:
-        print(f"rimflow sensitivity: {error.strerror or error}: {error.filename or ''}", file=sys.stderr)
-        return 1
+    return pipeline.answered("sensitivity", lambda: Run(command_line.parse_sensitivity(arguments)).execute())
 
 
 class Run:
@@ -583,11 +568,4 @@ def weight_rows(c, snapshots):
 
 
 if __name__ == "__main__":
-    try:
-        status = main(sys.argv[1:])
-    except Exception:  # a defect of ours: say so
-        traceback.print_exc()
-        status = 1
-    sys.stdout.flush()
-    sys.stderr.flush()
-    pipeline.leave(status)
+    pipeline.run(main)

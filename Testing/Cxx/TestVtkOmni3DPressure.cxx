@@ -276,6 +276,10 @@ TEST(VtkOmni3DPressure, RefusesWhatIsOutOfRange) {
   p.errors->Clear();
   p.expectFailure("Density must be greater than 0");
   p.filter->SetDensity(Density);
+  p.filter->SetWallWeight(0);
+  p.errors->Clear();
+  p.expectFailure("weight");
+  p.filter->SetWallWeight(1);
   EXPECT_GT(p.update()->GetNumberOfPoints(), 0);
 }
 

@@ -75,6 +75,8 @@ inline Value abc(double x, double y, double z) {
 /// faces.
 inline void gaussianFilter(const Grid& grid, double deviation, std::vector<double>& values) {
   const int reach = int(std::ceil(4 * deviation));
+  std::vector<double> bell(reach + 1);
+  for (int s = 0; s <= reach; ++s) bell[s] = std::exp(-0.5 * s * s / (deviation * deviation));
   for (int axis = 0; axis < 3; ++axis) {
     const std::size_t stride = axis == 0 ? 1 : axis == 1 ? grid.n[0] : std::size_t(grid.n[0]) * grid.n[1];
     std::vector<double> filtered(values.size());
@@ -82,7 +84,7 @@ inline void gaussianFilter(const Grid& grid, double deviation, std::vector<doubl
       const int at = int(node / stride % grid.n[axis]);
       double weights = 0;
       for (int s = std::max(-reach, -at); s <= std::min(reach, grid.n[axis] - 1 - at); ++s) {
-        const double weight = std::exp(-0.5 * s * s / (deviation * deviation));
+        const double weight = bell[std::abs(s)];
         weights += weight;
         for (int c = 0; c < 3; ++c)
           filtered[3 * node + c] += weight * values[3 * (node + std::ptrdiff_t(stride) * s) + c];

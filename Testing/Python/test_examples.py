@@ -1,4 +1,5 @@
 """Breaks when an example no longer runs as its first lines say, or does not find the demo's sphere. Run by python3."""
+import csv
 import os
 import re
 import subprocess
@@ -9,6 +10,7 @@ SOURCE = os.environ["RIMFLOW_SOURCE"]
 TRACKS = os.path.join(SOURCE, "Examples", "demo", "sphere.dat.gz")
 # Examples/demo/README.md
 CENTRE, TIME, VELOCITY = (1.7e-3, 0.0, -0.9e-3), 43.1395, [0.25 * e for e in (-0.0734415, 0.9876883, 0.1381234)]
+FLUID, CD = ("1820", "2.3825e-5"), 1.09  # Re = 100
 
 READ_PATH = """
 import sys
@@ -58,6 +60,33 @@ class TestExamples(unittest.TestCase):
         self.run_example(os.path.join(SOURCE, "rimflow"), "with-display", "pvpython",
                          os.path.join(SOURCE, "Examples", "pvpython", "uncertainty.py"), TRACKS, "0.00953", picture)
         self.assertGreater(os.path.getsize(picture), 20000)
+
+    def test_pvpython_forces(self):
+        picture = os.path.join(self.folder, "forces.png")
+        printed = self.run_example(os.path.join(SOURCE, "rimflow"), "with-display", "pvpython",
+                                   os.path.join(SOURCE, "Examples", "pvpython", "forces.py"), TRACKS, "0.00953", *FLUID, picture, "16")
+        row = re.search(r"^ *([\d.]+) +([\d.]+) \+- ([\d.]+) +([\d.]+) +([\d.]+) \+- ([\d.]+) +([\d.]+) +([\d.]+) +100%", printed, re.MULTILINE)
+        self.assertIsNotNone(row, printed)
+        time, drag, sigma, lift, cd, cd_sigma, cl, momentum = map(float, row.groups())
+        self.assertAlmostEqual(cd, CD, delta=0.12)
+        self.assertAlmostEqual(momentum, CD, delta=0.06)
+        self.assertLess(cl, 0.06)
+        self.assertAlmostEqual(1e-3 * drag, cd * 1820 / 2 * 0.25**2 * 3.14159 / 4 * 0.00953**2, delta=1e-4)
+        self.assertGreater(os.path.getsize(picture), 20000)
+
+    def test_pvbatch_forces_in_parallel(self):
+        script = os.path.join(SOURCE, "Examples", "pvbatch", "forces_in_parallel.py")
+        tables = []
+        for ranks in (1, 2):
+            self.run_example("mpirun", "--oversubscribe", "-np", str(ranks), "pvbatch", "--sym", script, TRACKS, "0.00953", *FLUID, "forces.csv", "8")
+            with open(os.path.join(self.folder, "forces.csv"), newline="") as file:
+                tables.append(list(csv.DictReader(file)))
+            self.assertEqual(len(tables[-1]), 2)
+            for row in tables[-1]:
+                self.assertAlmostEqual(float(row["Cd"]), CD, delta=0.12)
+        for one, two in zip(*tables):
+            self.assertEqual(one["Time"], two["Time"])
+            self.assertAlmostEqual(float(one["drag_N"]), float(two["drag_N"]), delta=0.01 * float(one["drag_N"]))
 
     def test_pvbatch_locate_in_parallel(self):
         script = os.path.join(SOURCE, "Examples", "pvbatch", "locate_in_parallel.py")

@@ -1,5 +1,5 @@
-"""Breaks when `rimflow process` does not find the demo's sphere where it is, when two ranks or a resumed run give other numbers
-than one run, or when bad input ends in anything but a clear message. Run by python3; it starts pvbatch itself."""
+"""Breaks when `rimflow process` does not find the demo's sphere where it is or the force on it, when two ranks or a resumed run give
+other numbers than one run, or when bad input ends in anything but a clear message. Run by python3; it starts pvbatch itself."""
 import csv
 import gzip
 import json
@@ -16,6 +16,9 @@ TRACKS = os.path.join(SOURCE, "Examples", "demo", "sphere.dat.gz")
 DIAMETER = 9.53e-3
 # Examples/demo/README.md
 CENTRE, TIME, VELOCITY = (1.7e-3, 0.0, -0.9e-3), 43.1395, [0.25 * e for e in (-0.0734415, 0.9876883, 0.1381234)]
+DRAG_COEFFICIENT = 1.094
+FORCE_COLUMNS = ("snapshot,time_s,Fp_x_N,Fp_y_N,Fp_z_N,Fv_x_N,Fv_y_N,Fv_z_N,Fcv_x_N,Fcv_y_N,Fcv_z_N,Fin_x_N,Fin_y_N,Fin_z_N,"
+                 "drag_N,lift_N,Cd,Cl")
 
 
 def process(*arguments, ranks=1, tracks=(TRACKS,)):
@@ -29,6 +32,27 @@ def process(*arguments, ranks=1, tracks=(TRACKS,)):
 def rows(folder, name="trajectory.csv"):
     with open(os.path.join(folder, name), newline="") as f:
         return [{k: float(v) for k, v in row.items()} for row in csv.DictReader(f)]
+
+
+def text_of(path):
+    with open(path, encoding="utf-8", errors="replace") as f:
+        return f.read()
+
+
+def without_particles(source, target, keep):
+    """The demo's tracks with only every keep(zone)-th particle."""
+    zone, seen = 0, 0
+    with gzip.open(source, "rt", encoding="latin-1") as whole, open(target, "w", encoding="latin-1") as part:
+        for line in whole:
+            zone += line.startswith("ZONE")
+            if line[0] in "-.0123456789":
+                seen += 1
+                if seen % keep(zone):
+                    continue
+            elif line.startswith("I="):
+                line = "J=1, K=1, ZONETYPE=Ordered\n"
+            part.write(line)
+    return target
 
 
 def error(row, prefix=""):
@@ -50,7 +74,7 @@ class TestProcess(unittest.TestCase):
         return result
 
     def test_finds_the_sphere_in_every_snapshot_of_the_demo(self):
-        self.assertIn("16 snapshots: 16 found", self.run_demo("all").stdout)
+        self.assertIn("16 snapshots: 16 found", self.run_demo("all", "--no-forces").stdout)
         table = rows(self.out("all"))
         self.assertEqual([r["snapshot"] for r in table], list(range(16)))
         self.assertEqual({r["status"] for r in table}, {0})
@@ -63,16 +87,68 @@ class TestProcess(unittest.TestCase):
             self.assertEqual(json.load(f)["snapshots"]["found"], 16)
         for name in ("sphere.pvd", "trajectory.vtp", "report/index.html", "report/trajectory.png", "report/motion.png", "report/quality.png"):
             self.assertGreater(os.path.getsize(self.out(f"all/{name}")), 500, name)
-        self.assertFalse(os.path.exists(self.out("all/fields.pvd")))
+        for name in ("fields.pvd", "forces.csv", "report/forces.png"):
+            self.assertFalse(os.path.exists(self.out(f"all/{name}")), name)
+
+    def test_the_force_on_the_demo_sphere_is_the_one_that_is_known(self):
+        printed = self.run_demo("forces", "--steps", "7:10", "--body-density", "none").stdout
+        self.assertIn("Drag coefficient", printed)
+        self.assertIn("3 snapshots: 3 found", printed)
+        self.assertTrue(text_of(self.out("forces/forces.csv")).startswith(FORCE_COLUMNS + ",sigma_Fp_x_N"))
+        table, path = rows(self.out("forces"), "forces.csv"), rows(self.out("forces"))
+        self.assertEqual([r["snapshot"] for r in table], [7, 8, 9])
+        for row, at in zip(table, path, strict=True):
+            speed = [at[f"{c}_m_s"] for c in "uvw"]
+            total = [row[f"Fp_{a}_N"] + row[f"Fv_{a}_N"] for a in "xyz"]
+            drag = -sum(f * v for f, v in zip(total, speed)) / math.hypot(*speed)
+            area = math.pi * DIAMETER**2 / 4
+            self.assertAlmostEqual(row["drag_N"], drag, delta=1e-6 * drag)
+            self.assertAlmostEqual(row["Cd"], drag / (910 * sum(v * v for v in speed) * area), delta=1e-5)
+            self.assertAlmostEqual(math.hypot(row["drag_N"], row["lift_N"]), math.hypot(*total), delta=1e-6 * drag)
+            self.assertAlmostEqual(row["Cd"], DRAG_COEFFICIENT, delta=0.2)
+            self.assertAlmostEqual(row["Cd_cv"], DRAG_COEFFICIENT, delta=0.2)
+            self.assertLess(row["Cl"], 0.2)
+            self.assertGreater(row["coverage"], 0.9)
+            self.assertTrue(math.isnan(row["Fin_x_N"]))  # the density of the body is not known
+        with open(self.out("forces/run.json")) as f:
+            run = json.load(f)
+        self.assertEqual(run["settings"]["gravity_m_s2"], [0, -9.81, 0])
+        self.assertAlmostEqual(run["forces"]["surface"]["Cd_mean"], sum(r["Cd"] for r in table) / 3, places=6)
+        self.assertGreater(run["seconds_per_snapshot"]["8"]["pressure"], 0)
+        for name in ("forces", "coefficients", "surface-pressure"):
+            self.assertGreater(os.path.getsize(self.out(f"forces/report/{name}.png")), 20000, name)
+        self.assertIn("Control volume", text_of(self.out("forces/report/index.html")))
+        sphere = text_of(self.out("forces/sphere/000008.vtp"))
+        for name in ("Pressure", "Traction", "Centre"):
+            self.assertIn(f'Name="{name}"', sphere)
+        self.assertFalse(os.path.exists(self.out("forces/fields.pvd")))
+
+    def test_a_snapshot_without_flow_does_not_stop_the_others(self):
+        # in the ninth snapshot a handful of particles: the path goes through it, but there is no flow
+        broken = without_particles(TRACKS, self.out("broken.dat"), lambda zone: 4000 if zone == 9 else 1)
+        arguments = ["--out", self.out("broken"), "--diameter", "9.53mm", "--viscosity", "2.3825e-5", "--steps", "6:11", "--spacing", "2mm"]
+        result = process(*arguments, tracks=[broken])
+        self.assertEqual(result.returncode, 0, result.stderr)
+        self.assertIn("snapshot 8: no forces: ", result.stderr)
+        self.assertEqual([r["status"] for r in rows(self.out("broken"))], [0, 0, 1, 0, 0])
+        self.assertEqual([math.isnan(r["drag_N"]) for r in rows(self.out("broken"), "forces.csv")], [False, False, True, False, False])
+        with open(self.out("broken/run.json")) as f:
+            self.assertEqual([k for k, _ in json.load(f)["problems"]], [8])
+        self.assertIn("Snapshot 8: no forces", text_of(self.out("broken/report/index.html")))
 
     def test_two_ranks_and_a_resumed_run_give_the_numbers_of_one(self):
-        self.run_demo("one", "--steps", "2:8")
-        self.assertIn("6 snapshots: 6 found", self.run_demo("two", "--steps", "2:8", ranks=2).stdout)
+        run = ["--steps", "2:8", "--spacing", "2mm"]
+        self.run_demo("one", *run)
+        self.assertIn("6 snapshots: 6 found", self.run_demo("two", *run, ranks=2).stdout)
         shutil.copytree(self.out("one"), self.out("resumed"))
         for k in (3, 6):
             os.remove(self.out(f"resumed/snapshots/{k:06d}.json"))
-        os.remove(self.out("resumed/trajectory.csv"))
-        self.run_demo("resumed", "--steps", "2:8", "--resume")
+        os.remove(self.out("resumed/snapshots/000005.flow.json"))
+        kept = os.stat(self.out("resumed/snapshots/000004.flow.json")).st_mtime_ns
+        for name in ("trajectory.csv", "forces.csv"):
+            os.remove(self.out(f"resumed/{name}"))
+        self.run_demo("resumed", *run, "--resume")
+        self.assertEqual(os.stat(self.out("resumed/snapshots/000004.flow.json")).st_mtime_ns, kept)
         one = rows(self.out("one"))
         self.assertEqual([r["snapshot"] for r in one], list(range(2, 8)))
         # a snapshot's estimate depends on where the search began by the sampling error of its posterior, some hundredths of a
@@ -83,23 +159,17 @@ class TestProcess(unittest.TestCase):
                     # the chain that samples the path turns the last digits of the single estimates into a fraction of its sigma
                     self.assertAlmostEqual(a[f"{axis}_m"], b[f"{axis}_m"], delta=1e-5)
                     self.assertAlmostEqual(a[f"raw_{axis}_m"], b[f"raw_{axis}_m"], delta=2e-7)
+            for a, b in zip(rows(self.out("one"), "forces.csv"), rows(self.out(name), "forces.csv"), strict=True):
+                self.assertEqual(a["snapshot"], b["snapshot"])
+                self.assertAlmostEqual(a["Cd"], b["Cd"], delta=0.01)
+                self.assertAlmostEqual(a["Cd_cv"], b["Cd_cv"], delta=0.01)
 
     def test_goes_back_to_snapshots_lost_before_the_first_find(self):
         # in the first two snapshots every 16th particle: too few to find the sphere without a hint
-        thin, zone, seen = self.out("thin.dat"), 0, 0
-        with gzip.open(TRACKS, "rt", encoding="latin-1") as whole, open(thin, "w", encoding="latin-1") as part:
-            for line in whole:
-                zone += line.startswith("ZONE")
-                if line[0] in "-.0123456789":
-                    seen += 1
-                    if zone <= 2 and seen % 16:
-                        continue
-                elif line.startswith("I="):
-                    line = "J=1, K=1, ZONETYPE=Ordered\n"
-                part.write(line)
+        thin = without_particles(TRACKS, self.out("thin.dat"), lambda zone: 16 if zone <= 2 else 1)
         # with two ranks, the find is another's
         for name, steps, ranks in (("serial", "1:6", 1), ("parallel", "1:3", 2)):
-            result = process("--out", self.out(name), "--diameter", "9.53mm", "--steps", steps, tracks=[thin], ranks=ranks)
+            result = process("--out", self.out(name), "--diameter", "9.53mm", "--no-forces", "--steps", steps, tracks=[thin], ranks=ranks)
             self.assertEqual(result.returncode, 0, result.stderr)
             table = rows(self.out(name))
             self.assertEqual({r["status"] for r in table}, {0})
@@ -109,6 +179,8 @@ class TestProcess(unittest.TestCase):
         # alone, such a snapshot is lost
         process("--out", self.out("alone"), "--diameter", "9.53mm", "--steps", "1:2", tracks=[thin])
         self.assertEqual([r["status"] for r in rows(self.out("alone"))], [2])
+        lost, = rows(self.out("alone"), "forces.csv")  # a row, but no numbers
+        self.assertEqual({k for k, v in lost.items() if not math.isnan(v)}, {"snapshot", "time_s"})
 
     def test_the_demo_with_fields_and_pictures(self):
         self.run_demo("fields", "--steps", "7:9", "--fields", "vti", "--spacing", "1.5mm", "--images")
@@ -117,9 +189,9 @@ class TestProcess(unittest.TestCase):
         for k in (7, 8):
             with open(self.out(f"fields/fields/{k:06d}.vti"), "rb") as f:
                 head = f.read().decode("latin-1")
-            for name in ("Velocity", "MaterialAcceleration", "Vorticity", "QCriterion", "Mask"):
+            for name in ("Velocity", "MaterialAcceleration", "Vorticity", "QCriterion", "Pressure", "Mask"):
                 self.assertIn(f'Name="{name}"', head)
-        for name in ("tracks", "slice", "vortices"):
+        for name in ("tracks", "slice", "vortices", "surface"):
             self.assertGreater(os.path.getsize(self.out(f"fields/report/{name}.png")), 20000, name)
         with open(self.out("fields/report/index.html")) as f:
             page = f.read()
@@ -133,7 +205,7 @@ class TestProcess(unittest.TestCase):
                 self.assertGreater(quality["Outliers"], 0)  # the demo has ghosts
 
     def test_the_published_method_runs_with_the_published_weights(self):
-        self.run_demo("published", "--steps", "7:9", "--method", "published", "--spacing", "1mm")
+        self.run_demo("published", "--steps", "7:9", "--method", "published", "--spacing", "1mm", "--no-forces")
         table = rows(self.out("published"))
         self.assertEqual({r["status"] for r in table}, {0})
         # its minimum is not the true centre; see Documentation/methods-locator.md
@@ -151,6 +223,7 @@ class TestProcess(unittest.TestCase):
                 (["--diameter", "9.53mm"], [self.out("missing.dat")], "cannot be found"),
                 (["--diameter", "9.53mm", "--steps", "100:"], [TRACKS], "selects none of the 16"),
                 (["--diameter", "9.53mm", "--steps", "a:b"], [TRACKS], "no slice"),
+                (["--diameter", "9.53mm", "--body-density", "-3"], [TRACKS], "greater than zero"),
                 (["--diameter", "9.53mm"], [empty], "empty.dat"),
                 (["--diameter", "9.53mm"], [text], "text.dat")):
             result = process("--out", self.out("bad"), *arguments, tracks=tracks)
@@ -160,7 +233,7 @@ class TestProcess(unittest.TestCase):
             self.assertFalse(os.path.exists(self.out("bad")))
 
     def test_resume_refuses_other_settings(self):
-        self.run_demo("run", "--steps", "7")
+        self.run_demo("run", "--steps", "7", "--no-forces")
         result = process("--out", self.out("run"), "--diameter", "10mm", "--viscosity", "2.3825e-5", "--steps", "7", "--resume")
         self.assertEqual(result.returncode, 2)
         self.assertIn("diameter_m", result.stderr)
