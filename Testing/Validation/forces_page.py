@@ -60,7 +60,7 @@ def tracks_table(rows):
     lines = []
     for name in unique(rows, "tracks"):
         group = numbers(rows, tracks=name)
-        cells = [name.replace("_", ", "), str(len(group))]
+        cells = [name.replace("_", ", "), f"{1e3 * column(group, 'spacing_m').mean():.2f} mm", str(len(group))]
         for column_name in ("Cd", "Cd_cv"):
             error = drag_error(group, column_name)
             cells.append(f"{percent(error.mean(), True)} / {percent(error.std())} / {percent(largest(error), True)}")
@@ -69,7 +69,7 @@ def tracks_table(rows):
             cells.append(f"{percent(column(group, column_name).mean())} / {percent(column(group, column_name).max())}")
         cells.append(f"{column(group, 'centre_error_um').mean():.1f} um")
         lines.append(cells)
-    head = ["tracks", "snapshots", "drag, surface", "drag, control volume", "side, surface", "side, control volume", "pressure", "acceleration", "velocity", "centre"]
+    head = ["tracks", "h", "snapshots", "drag, surface", "drag, control volume", "side, surface", "side, control volume", "pressure", "acceleration", "velocity", "centre"]
     return markdown(head, lines)
 
 
