@@ -66,6 +66,14 @@ std::vector<Vector3d> halfOfDirections(const Grid& grid, int directions) {
   return out;
 }
 
+// Of the axes with more than one node.
+double smallestSpacing(const Grid& grid) {
+  double smallest = std::numeric_limits<double>::infinity();
+  for (int a = 0; a < 3; ++a)
+    if (grid.n[a] > 1) smallest = std::min(smallest, grid.spacing[a]);
+  return std::isfinite(smallest) ? smallest : 1;
+}
+
 // What a line needs at a node it passes. The steps are rounded to float, as the gradient is; their sums are
 // not.
 struct Node {
@@ -81,8 +89,11 @@ struct Field {
   std::vector<Node> nodes;
   std::vector<std::size_t> boundary;
 
-  Field(const PressureProblem& problem, int order) : grid(problem.grid), nodes(grid.size()) {
+  Field(const PressureProblem& problem, int order, double lineSpacing)
+      : grid(problem.grid), nodes(grid.size()) {
     const PressureLinks links(problem, order);
+    for (int a = 0; a < 3; ++a)
+      if (grid.n[a] == 1) grid.spacing[a] = lineSpacing; // one line across, whatever the image says
     for (int a = 0; a < 3; ++a) stride[a] = links.stride(a);
 #pragma omp parallel for schedule(static)
     for (int k = 0; k < grid.n[2]; ++k)
@@ -247,12 +258,8 @@ private:
 // line up.
 class AllLines {
 public:
-  AllLines(const Field& field, const ParallelLineOptions& options)
-      : field_(field), directions_(halfOfDirections(field.grid, options.directions)),
-        spacing_(options.lineSpacing) {
-    const auto& h = field.grid.spacing;
-    if (spacing_ == 0) spacing_ = std::min({h[0], h[1], h[2]});
-  }
+  AllLines(const Field& field, int directions, double spacing)
+      : field_(field), directions_(halfOfDirections(field.grid, directions)), spacing_(spacing) {}
   int directions() const { return int(directions_.size()); }
   Lines operator[](int d) const {
     const auto fraction = [](double x) { return x - std::floor(x); };
@@ -449,8 +456,9 @@ PressureSolution parallelLinePressure(const PressureProblem& problem, const Para
                                       const Progress& progress) {
   check(problem, options);
   PressureSolution out;
-  const Field field(problem, options.order);
-  const AllLines lines(field, options);
+  const double spacing = options.lineSpacing > 0 ? options.lineSpacing : smallestSpacing(problem.grid);
+  const Field field(problem, options.order, spacing);
+  const AllLines lines(field, options.directions, spacing);
   const auto aborted = [&](double fraction) { return out.aborted = !goOn(progress, fraction); };
 
   BoundaryEquation equation(field.boundary.size());
