@@ -110,13 +110,13 @@ def draw_tracks(path, rows):
     for name in names:
         group = numbers(rows, tracks=name)
         snapshot = column(group, "snapshot")
-        (plotted,) = drag.plot(snapshot, 100 * drag_error(group, "Cd"), "o-", label=f"{name}, surface", markersize=4)
-        drag.plot(snapshot, 100 * drag_error(group, "Cd_cv"), "s--", color=plotted.get_color(), label=f"{name}, control volume", markersize=4)
+        (plotted,) = drag.plot(snapshot, 100 * drag_error(group, "Cd"), "o-", markersize=4)
+        drag.plot(snapshot, 100 * drag_error(group, "Cd_cv"), "s--", color=plotted.get_color(), markersize=4)
         pressure.plot(snapshot, 100 * column(group, "pressure_error"), "o-", label=name, markersize=4)
-    drag.set(xlabel="snapshot", ylabel="% of the true drag", title="error of the drag")
+    drag.set(xlabel="snapshot", ylabel="% of the true drag", title="error of the drag (solid: surface, dashed: control volume)")
     pressure.set(xlabel="snapshot", ylabel="% of the rms pressure", title="error of the pressure", ylim=(0, None))
+    pressure.legend([name.replace("_", ", ") for name in names], fontsize=7)
     for axes in (drag, pressure):
         axes.grid(alpha=0.3)
-        axes.legend(fontsize=7)
     figure.savefig(path, dpi=110)
     plt.close(figure)
