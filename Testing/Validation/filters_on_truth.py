@@ -1,9 +1,7 @@
 """The product's filters on the reference flow, and how far they are from it."""
 
-import types
-
 import numpy as np
-from rimflow import pipeline
+from rimflow import options, pipeline, process
 from rimflow.vtkRIMFlowFilters import vtkOmni3DPressure, vtkSurfaceForce
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonDataModel import vtkImageData, vtkPolyData
@@ -48,10 +46,10 @@ def body_data(diameter, centre, velocity):
     return data
 
 
-def balance_of(sphere, table):
-    """What the force table says, as Cd, and what is wrong with it: side force over the true force."""
+def balance_of(sphere, forces):
+    """The numbers of vtkSurfaceForce's table as Cd and its parts, and the side force over the true force."""
     scale = 0.5 * sphere.density * sphere.speed**2 * np.pi * sphere.radius**2
-    vector = lambda name: np.array([table.GetValueByName(0, f"{name}_{axis}_N").ToDouble() for axis in "xyz"])
+    vector = lambda name: np.array([forces[f"{name}_{axis}_N"] for axis in "xyz"])
     pressure, friction, volume = vector("Fp"), vector("Fv"), vector("Fcv")
     drag = lambda force: -force @ sphere.direction / scale
     true = sphere.flow.drag_coefficients.sum()
@@ -83,65 +81,66 @@ def pressure_error(sphere, image, time, distance):
     return relative_error(found - found.mean(), true - true.mean())
 
 
-class Chain:
-    """The filters with the fluid's properties; with a track file also the reader, the locator and VIC#."""
+class ExactFields:
+    """Pressure and force filters on images, with the fluid of a MovingSphere."""
 
-    def __init__(self, sphere, tracks=None, spacing=0.0):
-        self.sphere, self.errors = sphere, pipeline.Errors()
-        self.omni, self.surface = vtkOmni3DPressure(), vtkSurfaceForce()
+    def __init__(self, sphere):
+        self.omni, self.surface, self.errors = vtkOmni3DPressure(), vtkSurfaceForce(), pipeline.Errors()
         for algorithm in (self.omni, self.surface):
             algorithm.SetDensity(sphere.density)
             algorithm.SetViscosity(sphere.viscosity)
         self.errors.watch(self.omni, self.surface)
-        if tracks:
-            options = types.SimpleNamespace(
-                tracks=[tracks], diameter=sphere.diameter, viscosity=sphere.viscosity, density=sphere.density, body_density=0.0,
-                spacing=spacing, up=None, method="likelihood", frame_period=None,
-            )
-            self.tracks, self.diameter = pipeline.Chain(options), sphere.diameter
+        self.body = body_data(sphere.diameter, sphere.centre, sphere.velocity_of_sphere)
 
-    def pressure(self, image, body=None):
+    def pressure(self, image):
         self.omni.SetInputData(0, image)
-        self.omni.SetInputDataObject(1, body)
+        self.omni.SetInputDataObject(1, self.body)
         self.omni.Update()
         self.errors.check()
         result = vtkImageData()
         result.ShallowCopy(self.omni.GetOutput())
         return result
 
-    def force(self, image, body):
+    def forces(self, image):
+        """The numbers of the force table by their names."""
         self.surface.SetInputData(0, image)
-        self.surface.SetInputDataObject(1, body)
+        self.surface.SetInputDataObject(1, self.body)
         self.surface.Update()
         self.errors.check()
-        return self.surface.GetOutputDataObject(1)
+        return pipeline.force_row(self.surface.GetOutputDataObject(1))[0]
+
+
+class FromTracks:
+    """The chain of `rimflow process` on a track file of the reference flow."""
+
+    def __init__(self, sphere, tracks, spacing=None):
+        self.sphere = sphere
+        arguments = [tracks, "--out", "unused", "--diameter", f"{sphere.diameter!r}m"]
+        arguments += ["--density", repr(sphere.density), "--viscosity", repr(sphere.viscosity), "--body-density", "none"]
+        self.chain = pipeline.Chain(options.parse(arguments + (["--spacing", f"{spacing!r}m"] if spacing else [])))
 
     def trajectory(self):
-        """The smoothed path over all snapshots, as `rimflow process` finds it."""
-        from rimflow.process import assembled, raw_centres
-
-        times, records, walls = self.tracks.times(), [], []
-        for k, time in enumerate(times):
-            records.append({"snapshot": k, "time_s": time, **self.tracks.locate(time)})
-            wall = self.tracks.wall().NewInstance()
-            wall.ShallowCopy(self.tracks.wall())
+        """The smoothed path over all snapshots."""
+        records, walls = [], []
+        for k, time in enumerate(self.chain.times()):
+            records.append({"snapshot": k, "time_s": time, **self.chain.locate(time)})
+            wall = self.chain.wall().NewInstance()
+            wall.ShallowCopy(self.chain.wall())
             walls.append(wall)
-        raw, covariance = raw_centres(records)
-        status = np.array([record["status"] for record in records])
-        smoothed = pipeline.smooth(np.array(times), raw, covariance, status, self.diameter, walls)
-        return assembled(records, self.diameter, smoothed)
+        return process.assembled(records, self.sphere.diameter, process.smooth(records, self.sphere.diameter, walls))
 
     def snapshots(self, every):
         """(index, row of the table) for every so many snapshots."""
-        path = self.trajectory()
+        path, flows = self.trajectory(), pipeline.FlowChain(self.chain)
         for k in range(every // 2, len(path.time), every):
             time = float(path.time[k])
-            body = pipeline.body(path, k)
-            image = self.pressure(self.tracks.fields(time, body), body)
-            row = {"time_s": time, **balance_of(self.sphere, self.force(image, body))}
-            row["coverage"] = self.surface.GetOutputDataObject(1).GetValueByName(0, "coverage").ToDouble()
+            flow = flows.compute(time, pipeline.body(path, k))
+            if flow.failed:
+                raise pipeline.PipelineError(f"snapshot {k}: {flow.failed}")
+            row = {"time_s": time, **balance_of(self.sphere, flow.forces), "coverage": flow.forces["coverage"]}
             row["centre_error_um"] = 1e6 * np.linalg.norm(path.centre[k] - self.sphere.centre_at(time))
-            row.update(self.field_errors(image, time))
+            row["spacing_m"] = flow.image.GetSpacing()[0]
+            row.update(self.field_errors(flow.image, time))
             yield k, row
 
     def field_errors(self, image, time):

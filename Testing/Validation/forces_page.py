@@ -60,7 +60,7 @@ def tracks_table(rows):
     lines = []
     for name in unique(rows, "tracks"):
         group = numbers(rows, tracks=name)
-        cells = [name.replace("_", ", "), str(len(group))]
+        cells = [name.replace("_", ", "), f"{1e3 * column(group, 'spacing_m').mean():.2f} mm", str(len(group))]
         for column_name in ("Cd", "Cd_cv"):
             error = drag_error(group, column_name)
             cells.append(f"{percent(error.mean(), True)} / {percent(error.std())} / {percent(largest(error), True)}")
@@ -69,7 +69,7 @@ def tracks_table(rows):
             cells.append(f"{percent(column(group, column_name).mean())} / {percent(column(group, column_name).max())}")
         cells.append(f"{column(group, 'centre_error_um').mean():.1f} um")
         lines.append(cells)
-    head = ["tracks", "snapshots", "drag, surface", "drag, control volume", "side, surface", "side, control volume", "pressure", "acceleration", "velocity", "centre"]
+    head = ["tracks", "h", "snapshots", "drag, surface", "drag, control volume", "side, surface", "side, control volume", "pressure", "acceleration", "velocity", "centre"]
     return markdown(head, lines)
 
 
@@ -82,7 +82,7 @@ def draw(folder, field_rows, track_rows):
 
 def draw_fields(path, rows):
     """Largest error over the motions against the resolution."""
-    figure, (drag, side) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
+    figure, (drag, side) = plt.subplots(1, 2, figsize=(11, 4.5), layout="constrained")
     for reynolds in unique(rows, "reynolds"):
         for source in unique(rows, "input"):
             for name, label, marker in (("", "surface", "o-"), ("_cv", "control volume", "s--")):
@@ -99,24 +99,24 @@ def draw_fields(path, rows):
     for axes, title in ((drag, "error of the drag"), (side, "side force (true: 0)")):
         axes.set(xlabel="nodes per diameter", ylabel="% of the true force", title=title)
         axes.grid(alpha=0.3)
-    figure.legend(loc="outside lower center", ncols=2, fontsize=7)
+    drag.legend(fontsize=6)
     figure.savefig(path, dpi=110)
     plt.close(figure)
 
 
 def draw_tracks(path, rows):
     names = unique(rows, "tracks")
-    figure, (drag, pressure) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
+    figure, (drag, pressure) = plt.subplots(1, 2, figsize=(11, 4.5), layout="constrained")
     for name in names:
         group = numbers(rows, tracks=name)
         snapshot = column(group, "snapshot")
-        (plotted,) = drag.plot(snapshot, 100 * drag_error(group, "Cd"), "o-", label=f"{name}, surface", markersize=4)
-        drag.plot(snapshot, 100 * drag_error(group, "Cd_cv"), "s--", color=plotted.get_color(), label=f"{name}, control volume", markersize=4)
+        (plotted,) = drag.plot(snapshot, 100 * drag_error(group, "Cd"), "o-", markersize=4)
+        drag.plot(snapshot, 100 * drag_error(group, "Cd_cv"), "s--", color=plotted.get_color(), markersize=4)
         pressure.plot(snapshot, 100 * column(group, "pressure_error"), "o-", label=name, markersize=4)
-    drag.set(xlabel="snapshot", ylabel="% of the true drag", title="error of the drag")
+    drag.set(xlabel="snapshot", ylabel="% of the true drag", title="error of the drag (solid: surface, dashed: control volume)")
     pressure.set(xlabel="snapshot", ylabel="% of the rms pressure", title="error of the pressure", ylim=(0, None))
+    pressure.legend([name.replace("_", ", ") for name in names], fontsize=7)
     for axes in (drag, pressure):
         axes.grid(alpha=0.3)
-        axes.legend(fontsize=7)
     figure.savefig(path, dpi=110)
     plt.close(figure)

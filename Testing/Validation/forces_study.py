@@ -18,7 +18,7 @@ sys.path[:0] = [HERE, os.path.join(HERE, "..", "Benchmarks", "common")]
 
 import forces_page
 import sphere_flow
-from filters_on_truth import Chain, balance_of, body_data, image_of, pressure_error
+from filters_on_truth import ExactFields, FromTracks, balance_of, image_of, pressure_error
 from moving_sphere import MovingSphere, fields_on_grid, grid_axes
 from tables import between_marks, fill, read_rows, write_rows
 
@@ -31,7 +31,7 @@ MOTIONS = (  # direction, centre in mm half way, offset of the nodes in mm
 SPACINGS = (10, 12, 14, 16, 20)  # nodes per diameter
 ERRORS = ("Cd", "Cd_cv", "Cd_p", "Cd_v", "side", "side_cv")
 FIELD_COLUMNS = ("reynolds", "nodes_per_diameter", "motion", "input", *ERRORS, "pressure_error", "Cd_true")
-TRACK_COLUMNS = ("tracks", "snapshot", "time_s", *ERRORS, "pressure_error", "acceleration_error", "velocity_error", "centre_error_um", "coverage", "Cd_true")
+TRACK_COLUMNS = ("tracks", "snapshot", "time_s", *ERRORS, "pressure_error", "acceleration_error", "velocity_error", "centre_error_um", "coverage", "spacing_m", "Cd_true")
 
 
 def parse(arguments):
@@ -40,9 +40,9 @@ def parse(arguments):
     parser.add_argument("--out", default=os.path.join(build, "forces-study"), help="folder for data, CSV, tables and plots")
     parser.add_argument("--page", action="store_true", help="bring Documentation/validation-forces.md, its plots and its CSV up to date")
     parser.add_argument("--redraw", action="store_true", help="tables and plots from the CSV files that are there")
-    parser.add_argument("--reynolds", type=float, nargs="+", default=[100, 250], help="of the flows (default 100 250)")
-    parser.add_argument("--every", type=int, default=4, help="every so many snapshots of the tracks (default 4); 0: no tracks")
-    parser.add_argument("--spacing", type=float, default=0.0, help="of VIC#, m (default: its own choice)")
+    parser.add_argument("--reynolds", type=float, nargs="+", default=[100, 250], help="of the flows (default 100 250); rows of others stay as they are")
+    parser.add_argument("--every", type=int, default=8, help="every so many snapshots of the tracks (default 8); 0: no tracks")
+    parser.add_argument("--spacing", type=float, nargs="+", default=[0.0, 0.5e-3], help="of VIC#, m; 0: its own choice (default 0 0.0005)")
     parser.add_argument("--fields-only", action="store_true", help="only the exact fields; the rows of the tracks stay as they are")
     parser.add_argument("--tracks-only", action="store_true", help="only the tracks; the rows of the exact fields stay as they are")
     return parser.parse_args(arguments)
@@ -61,11 +61,11 @@ def study_fields(flow):
             spacing = DIAMETER / per_diameter
             axes = grid_axes(1e-3 * np.array(sphere_flow.BOX_MM), spacing, 1e-3 * np.array(offset))
             truth = fields_on_grid(sphere, axes, 0.0)
-            chain, body = Chain(sphere), body_data(DIAMETER, sphere.centre, sphere.velocity_of_sphere)
+            filters = ExactFields(sphere)
             exact = image_of(sphere, axes, truth)
-            for name, image in (("exact pressure", exact), ("exact acceleration", chain.pressure(exact))):
+            for name, image in (("exact pressure", exact), ("exact acceleration", filters.pressure(exact))):
                 row = {"reynolds": flow.reynolds, "nodes_per_diameter": per_diameter, "motion": motion, "input": name}
-                row.update(balance_of(sphere, chain.force(image, body)))
+                row.update(balance_of(sphere, filters.forces(image)))
                 row["pressure_error"] = pressure_error(sphere, image, 0.0, 1.5 * spacing)
                 print(forces_page.line(row), flush=True)
                 yield row
@@ -73,8 +73,7 @@ def study_fields(flow):
 
 def study_tracks(name, path, sphere, every, spacing):
     """One row per snapshot of a track file."""
-    chain = Chain(sphere, path, spacing)
-    for snapshot, row in chain.snapshots(every):
+    for snapshot, row in FromTracks(sphere, path, spacing).snapshots(every):
         print(forces_page.line(row), flush=True)
         yield {"tracks": name, "snapshot": snapshot, **row}
 
@@ -97,15 +96,19 @@ def main(arguments):
     if not settings.redraw:
         flows = [sphere_flow.stored_flow(os.path.join(settings.out, f"flow_re{re:g}.npz"), re, sphere_flow.NODES) for re in settings.reynolds]
         if not settings.tracks_only:
-            field_rows = [row for flow in flows for row in study_fields(flow)]
-            write_rows(field_file, FIELD_COLUMNS, field_rows)
+            field_rows = [row for row in field_rows if float(row["reynolds"]) not in settings.reynolds]
+            for flow in flows:
+                field_rows += study_fields(flow)
+                write_rows(field_file, FIELD_COLUMNS, field_rows)
         if settings.every and not settings.fields_only:
-            track_rows = []
             middle = sphere_flow.recording_times().mean()
             for flow in flows:
-                for name, path in track_files(settings.out, flow).items():
-                    track_rows += study_tracks(name, path, sphere_in(flow, 0, middle), settings.every, settings.spacing)
-                    write_rows(track_file, TRACK_COLUMNS, track_rows)
+                for label, path in track_files(settings.out, flow).items():
+                    for spacing in settings.spacing:
+                        name = f"{label}_h {1e3 * spacing:g} mm" if spacing else label
+                        track_rows = [row for row in track_rows if row["tracks"] != name]
+                        track_rows += study_tracks(name, path, sphere_in(flow, 0, middle), settings.every, spacing)
+                        write_rows(track_file, TRACK_COLUMNS, track_rows)
     found = forces_page.tables(read_rows(field_file), read_rows(track_file))
     with open(os.path.join(settings.out, "tables.md"), "w", encoding="utf-8") as file:
         file.write(between_marks(found))
