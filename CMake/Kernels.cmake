@@ -41,7 +41,7 @@ add_library(rimflow_kernels STATIC
   Filters/Pressure/ParallelLinePressure.cxx
   Filters/Pressure/PressureGradient.cxx
   Filters/Pressure/PseudoTracking.cxx
-  Filters/Pressure/UnexplainedGradient.cxx
+  Filters/Pressure/PressureError.cxx
   Filters/Forces/ControlVolume.cxx
   Filters/Forces/SurfaceForce.cxx
   Filters/Forces/WallFriction.cxx

@@ -1,6 +1,7 @@
 #include "ParallelLinePressure.h"
 
 #include "FluidRegions.h"
+#include "GeodesicSphere.h"
 #include "PressureLinks.h"
 
 #include <Eigen/Dense>
@@ -17,36 +18,6 @@ namespace {
 using Eigen::Vector3d;
 constexpr int Memory = 10; // of Anderson's method
 constexpr double Pi = 3.14159265358979323846;
-
-// The corners of an icosahedron of edge 2.
-std::vector<Vector3d> icosahedron() {
-  const double golden = 0.5 * (1 + std::sqrt(5.));
-  std::vector<Vector3d> corners;
-  for (double a : {-1., 1.})
-    for (double b : {-golden, golden})
-      for (const Vector3d& c : {Vector3d(0, a, b), Vector3d(a, b, 0), Vector3d(b, 0, a)})
-        corners.push_back(c);
-  return corners;
-}
-
-// The corners of an icosahedron, n - 1 points on each edge and (n - 1)(n - 2)/2 in each face.
-std::vector<Vector3d> geodesicPoints(int n) {
-  const std::vector<Vector3d> corner = icosahedron();
-  const auto isEdge = [&](int a, int b) { return (corner[a] - corner[b]).norm() < 2.1; };
-  std::vector<Vector3d> points(corner);
-  for (int a = 0; a < 12; ++a)
-    for (int b = a + 1; b < 12; ++b) {
-      if (!isEdge(a, b)) continue;
-      for (int i = 1; i < n; ++i) points.push_back((i * corner[a] + (n - i) * corner[b]) / n);
-      for (int c = b + 1; c < 12; ++c) {
-        if (!isEdge(a, c) || !isEdge(b, c)) continue;
-        for (int i = 1; i < n; ++i)
-          for (int j = 1; i + j < n; ++j)
-            points.push_back((i * corner[a] + j * corner[b] + (n - i - j) * corner[c]) / n);
-      }
-    }
-  return points;
-}
 
 // Directions, one of each opposite pair: on the sphere, or in the plane or on the line of the axes that have
 // more than one node.
@@ -445,8 +416,8 @@ std::vector<std::array<double, 3>> icosphereDirections(int directions) {
   // Any rotation that brings no direction near an axis or a diagonal of the grid
   const Eigen::AngleAxisd tilt(0.6180339887, Vector3d(0.48, 0.31, 0.82).normalized());
   std::vector<std::array<double, 3>> out;
-  for (const Vector3d& point : geodesicPoints(n)) {
-    const Vector3d e = tilt * point.normalized();
+  for (const Vector3d& point : GeodesicSphere(n).points) {
+    const Vector3d e = tilt * point;
     if (e.z() > 0) out.push_back({e.x(), e.y(), e.z()});
   }
   return out;

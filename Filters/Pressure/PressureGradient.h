@@ -11,9 +11,4 @@ namespace rimflow {
 std::vector<float> pressureGradient(const Grid& grid, const float* velocity, const float* acceleration,
                                     const unsigned char* mask, double density, double viscosity);
 
-/// Standard deviation of the integrated pressure, one per node, Pa, from what the pressure does not explain
-/// of its gradient: a conservative gradient has no curl. 0 where the mask is not 0.
-std::vector<float> pressureError(const Grid& grid, const float* gradient, const float* pressure,
-                                 const unsigned char* mask);
-
 } // namespace rimflow

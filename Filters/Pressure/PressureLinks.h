@@ -1,9 +1,20 @@
 #pragma once
 #include "PressureProblem.h"
+#include "Stencils.h"
 
 #include <array>
 
 namespace rimflow {
+
+/// Calls f(node, {i, j, k}) for every node that holds fluid, in parallel. mask: as in PressureProblem.
+template <class F>
+void forEachFluidNode(const Grid& grid, const unsigned char* mask, F&& f) {
+  forEachRow<float>(grid, 0, [&](int j, int k, auto&) {
+    for (int i = 0; i < grid.n[0]; ++i)
+      if (const std::size_t node = grid.index(i, j, k); !mask || !mask[node])
+        f(node, std::array<int, 3>{i, j, k});
+  });
+}
 
 /// Pressure differences between neighbouring fluid nodes, from their gradients.
 class PressureLinks {

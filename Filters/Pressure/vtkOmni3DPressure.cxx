@@ -3,9 +3,9 @@
 #include "BodyMask.h"
 #include "OneShotPressure.h"
 #include "ParallelLinePressure.h"
+#include "PressureError.h"
 #include "PressureGradient.h"
 #include "PseudoTracking.h"
-#include "UnexplainedGradient.h"
 #include "vtkBodyFromPolyData.h"
 #include "vtkFieldOutput.h"
 #include "vtkFilterInput.h"
@@ -113,7 +113,7 @@ void fill(Snapshot& s, const std::vector<float>& gradient, const rimflow::Pressu
   addPointArray(s.image, "Pressure", solution.pressure);
   addPointArray(s.image, "PressureGradient", gradient);
   addPointArray(s.image, "PressureError",
-                pressureError(s.grid, gradient.data(), solution.pressure.data(), s.masked()));
+                pressureError({s.grid, gradient.data(), s.masked()}, solution.pressure.data()));
   s.image->GetPointData()->SetActiveScalars("Pressure");
   if (!s.mask.empty()) addMask(s.image, s.mask);
   if (solution.regions > 1) {

@@ -4,6 +4,7 @@
 #include "FluidRegions.h"
 #include "OneShotPressure.h"
 #include "PressureCases.h"
+#include "PressureError.h"
 #include "PressureGradient.h"
 
 #include <gtest/gtest.h>
@@ -152,7 +153,7 @@ TEST(PressureError, IsThatOfTheNoise) {
   for (GradientNoise noise : {GradientNoise::White, GradientNoise::Correlated}) {
     const PressureCase test = pressureCase({PressureField::TaylorGreen, {64, 64, 64}, 16, noise});
     const auto pressure = oneShotPressure(test.problem()).pressure;
-    const auto sigma = pressureError(test.grid, test.gradient.data(), pressure.data(), test.mask.data());
+    const auto sigma = pressureError(test.problem(), pressure.data());
     double square = 0, fluid = 0;
     for (std::size_t p = 0; p < sigma.size(); ++p)
       if (!test.mask[p]) square += sigma[p] * sigma[p], fluid += 1;
@@ -170,7 +171,7 @@ TEST(PressureError, IsLargerWhereTheNoiseIs) {
     if (p % 96 < 48)
       for (int c = 0; c < 3; ++c) test.gradient[3 * p + c] = clean.gradient[3 * p + c];
   const auto pressure = oneShotPressure(test.problem()).pressure;
-  const auto sigma = pressureError(g, test.gradient.data(), pressure.data(), nullptr);
+  const auto sigma = pressureError(test.problem(), pressure.data());
   EXPECT_GT(sigma[g.index(80, 16, 16)], 3 * sigma[g.index(16, 16, 16)]);
 }
 
