@@ -212,7 +212,8 @@ class Scene:
         cut.SliceType.Origin, cut.SliceType.Normal = list(self.centre), list(self.across)
         self.colour(view, cut, "Velocity", 0, self.speed, "speed [m/s]")
         arrows = simple.Glyph(Input=cut, GlyphType="2D Glyph", OrientationArray=["POINTS", "Velocity"], ScaleArray=["POINTS", "Velocity"],
-                              ScaleFactor=float(0.5 * self.diameter / self.speed), GlyphMode="Every Nth Point", Stride=3)
+                              ScaleFactor=float(0.5 * self.diameter / self.speed), GlyphMode="Uniform Spatial Distribution (Bounds Based)",
+                              MaximumNumberOfSamplePoints=700, Seed=1)
         shown = simple.Show(arrows, view)
         shown.ColorArrayName = ["POINTS", ""]
         shown.DiffuseColor = shown.AmbientColor = [1, 1, 1]
