@@ -217,24 +217,11 @@ void addNote(std::string& note, const std::string& more) { note += (note.empty()
 
 std::string percent(double share) { return std::to_string(int(std::lround(100 * share))) + " %"; }
 
-} // namespace
-
-ForceResult surfaceForce(const ForceFields& fields, const Body& body, const ForceOptions& options) {
-  check(fields, body, options);
-  const double R = 0.5 * body.diameter;
-  require(distanceFromFaces(fields.grid, body.centre) > -R, "the body lies outside the grid");
-  const FluidNodes fluid(fields, body);
-  const Surface surface(fields, body, options);
-  const GeodesicSphere& sphere = surface.sphere();
-  ForceResult out;
-  out.seen = surface.seen();
-  for (std::size_t i = 0; i < sphere.points.size(); ++i)
-    if (out.seen[i]) out.coverage += sphere.area[i] / (4 * M_PI);
-  require(out.coverage > 0, "no node with fluid is near the body");
-  if (out.coverage > 1 - 1e-9) out.coverage = 1;
-
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(options.centreCovariance);
-  std::vector<Body> bodies = {body}; // and moved by one standard deviation along each axis of the covariance
+/// The forces on the body, and on it moved by one standard deviation along each axis of its covariance.
+std::vector<Forces> forcesAround(const Surface& surface, const Body& body,
+                                 const Eigen::Matrix3d& covariance) {
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(covariance);
+  std::vector<Body> bodies = {body};
   for (int a = 0; a < 3; ++a) {
     const double sigma = std::sqrt(std::max(0.0, axes.eigenvalues()[a]));
     if (sigma <= 0) continue;
@@ -244,21 +231,37 @@ ForceResult surfaceForce(const ForceFields& fields, const Body& body, const Forc
   std::vector<Forces> all(bodies.size());
 #pragma omp parallel for schedule(dynamic)
   for (std::size_t b = 0; b < bodies.size(); ++b) all[b] = surface.forces(bodies[b]);
-  const Forces& forces = all[0];
-  Deviations ofPressure, ofFriction, ofBoth, ofBalance;
-  for (std::size_t b = 1; b < all.size(); ++b) {
-    ofPressure.list.push_back(all[b].pressureForce - forces.pressureForce);
-    ofFriction.list.push_back(all[b].friction - forces.friction);
-    ofBoth.list.push_back(ofPressure.list.back() + ofFriction.list.back());
-    ofBalance.list.push_back(all[b].balance.force - forces.balance.force);
-  }
+  return all;
+}
 
+/// What each force is uncertain by.
+struct Uncertainty {
+  Deviations pressure, friction, both, balance;
+
+  explicit Uncertainty(const std::vector<Forces>& all) {
+    for (std::size_t b = 1; b < all.size(); ++b) {
+      pressure.list.push_back(all[b].pressureForce - all[0].pressureForce);
+      friction.list.push_back(all[b].friction - all[0].friction);
+      both.list.push_back(pressure.list.back() + friction.list.back());
+      balance.list.push_back(all[b].balance.force - all[0].balance.force);
+    }
+    constexpr double CellsOfOneError = 8; // the pressure's error is alike over two spacings
+    balance.list.push_back(all[0].balance.zoneSigma);
+    balance.addComponents(std::sqrt(CellsOfOneError) * all[0].balance.pressureSigma);
+  }
+};
+
+/// Points, pressure, traction and torque. Returns the variance of the pressure force by the pressure's error.
+Vec fillSurface(const FluidNodes& fluid, const GeodesicSphere& sphere, const Forces& forces,
+                ForceResult& out) {
+  const Body& body = fluid.body();
+  const double R = 0.5 * body.diameter;
   out.pressure = forces.pressure;
   out.triangles = sphere.triangles;
   out.normals = sphere.points;
   out.pressureSigma.assign(sphere.points.size(), 0);
-  Vec pressureVariance = Vec::Zero();
-  constexpr double Patches = 49; // of independent error: as many as the wall pressure has harmonics
+  Vec variance = Vec::Zero();
+  constexpr double Patches = 36; // of independent error: as many as the wall pressure has harmonics
   for (std::size_t i = 0; i < sphere.points.size(); ++i) {
     const Vec n = sphere.points[i];
     const double area = R * R * sphere.area[i];
@@ -266,61 +269,86 @@ ForceResult surfaceForce(const ForceFields& fields, const Body& body, const Forc
     out.area.push_back(area);
     out.traction.push_back(-forces.pressure[i] * n + forces.shear[i]);
     out.torque += area * (R * n).cross(out.traction.back());
-    if (fields.pressureError) {
-      out.pressureSigma[i] = pressureSigmaAt(fluid, out.points.back());
-      pressureVariance +=
-          4 * M_PI * R * R / Patches * area * std::pow(out.pressureSigma[i], 2) * n.cwiseAbs2();
-    }
+    if (!fluid.fields().pressureError) continue;
+    out.pressureSigma[i] = pressureSigmaAt(fluid, out.points.back());
+    variance += 4 * M_PI * R * R / Patches * area * std::pow(out.pressureSigma[i], 2) * n.cwiseAbs2();
   }
-  ofPressure.addComponents(pressureVariance.cwiseSqrt());
-  ofBoth.addComponents(pressureVariance.cwiseSqrt());
-  constexpr double CellsOfOneError = 8; // the pressure's error is alike over two spacings
-  ofBalance.list.push_back(forces.balance.zoneSigma);
-  ofBalance.addComponents(std::sqrt(CellsOfOneError) * forces.balance.pressureSigma);
+  return variance;
+}
 
-  out.pressureForce = {forces.pressureForce, ofPressure.sigma(), true};
-  out.friction = {forces.friction, ofFriction.sigma(), true};
-  if (out.coverage < 1)
-    addNote(out.note, "only " + percent(out.coverage) + " of the surface is seen, the rest is carried over");
+void setControlVolume(const Surface& surface, const MomentumBalance& balance, const Vec& sigma,
+                      ForceResult& out) {
   if (!surface.wholeBodyInside()) {
     addNote(out.note, "the body reaches beyond the grid: no control volume");
-  } else if (forces.balance.missing == 1) {
+  } else if (balance.missing == 1) {
     addNote(out.note, "no fluid in the control volume");
   } else {
-    out.controlVolume = {forces.balance.force, ofBalance.sigma(), true};
+    out.controlVolume = {balance.force, sigma, true};
     out.controlVolumeRadius = surface.shell().outer;
-    if (forces.balance.cut) addNote(out.note, "the control volume is cut by the grid's faces");
-    if (forces.balance.missing > 0.001)
-      addNote(out.note, percent(forces.balance.missing) + " of the control volume hold no fluid");
+    if (balance.cut) addNote(out.note, "the control volume is cut by the grid's faces");
+    if (balance.missing > 0.001)
+      addNote(out.note, percent(balance.missing) + " of the control volume hold no fluid");
   }
-  if (options.bodyDensity > 0) {
-    const double volume = M_PI / 6 * std::pow(body.diameter, 3), mass = options.bodyDensity * volume;
-    out.inertia.value =
-        mass * body.acceleration - (options.bodyDensity - options.density) * volume * options.gravity;
-    out.inertia.sigma = mass * options.accelerationCovariance.diagonal().cwiseSqrt();
-    out.inertia.known = true;
-  }
+}
 
-  const Vec total = forces.pressureForce + forces.friction;
-  const double speed = body.velocity.norm();
-  const Vec e = speed > 0 ? Vec(body.velocity / speed) : Vec(Vec::Zero());
-  const double scale = 0.5 * options.density * speed * speed * M_PI * R * R;
-  const double none = std::numeric_limits<double>::quiet_NaN();
+Force inertia(const Body& body, const ForceOptions& options) {
+  if (options.bodyDensity <= 0) return {};
+  const double volume = M_PI / 6 * std::pow(body.diameter, 3), mass = options.bodyDensity * volume;
+  return {mass * body.acceleration - (options.bodyDensity - options.density) * volume * options.gravity,
+          mass * options.accelerationCovariance.diagonal().cwiseSqrt(), true};
+}
+
+/// Drag against the motion, lift across it, and their coefficients.
+void setDragAndLift(const Body& body, double density, const Uncertainty& uncertainty, ForceResult& out) {
+  const double speed = body.velocity.norm(), R = 0.5 * body.diameter;
   if (speed == 0)
     addNote(out.note, "the body rests: there is no direction of drag and there are no coefficients");
+  const Vec e = speed > 0 ? Vec(body.velocity / speed) : Vec(Vec::Zero());
+  const double scale =
+      speed > 0 ? 0.5 * density * speed * speed * M_PI * R * R : std::numeric_limits<double>::quiet_NaN();
+  const Vec total = out.pressureForce.value + out.friction.value;
   out.drag = -total.dot(e);
-  out.dragSigma = ofBoth.along(e);
+  out.dragSigma = uncertainty.both.along(e);
   out.lift = total + out.drag * e;
-  out.liftSigma = ofBoth.across(e);
-  out.dragCoefficient = speed > 0 ? out.drag / scale : none;
-  out.liftCoefficient = speed > 0 ? out.lift.norm() / scale : none;
-  if (out.controlVolume.known) {
-    out.controlVolumeDrag = -out.controlVolume.value.dot(e);
-    out.controlVolumeDragSigma = ofBalance.along(e);
-    out.controlVolumeLift = out.controlVolume.value + out.controlVolumeDrag * e;
-  }
-  out.controlVolumeDragCoefficient =
-      out.controlVolume.known && speed > 0 ? out.controlVolumeDrag / scale : none;
+  out.liftSigma = uncertainty.both.across(e);
+  out.dragCoefficient = out.drag / scale;
+  out.liftCoefficient = out.lift.norm() / scale;
+  out.controlVolumeDragCoefficient = std::numeric_limits<double>::quiet_NaN();
+  if (!out.controlVolume.known) return;
+  out.controlVolumeDrag = -out.controlVolume.value.dot(e);
+  out.controlVolumeDragSigma = uncertainty.balance.along(e);
+  out.controlVolumeLift = out.controlVolume.value + out.controlVolumeDrag * e;
+  out.controlVolumeDragCoefficient = out.controlVolumeDrag / scale;
+}
+
+} // namespace
+
+ForceResult surfaceForce(const ForceFields& fields, const Body& body, const ForceOptions& options) {
+  check(fields, body, options);
+  require(distanceFromFaces(fields.grid, body.centre) > -0.5 * body.diameter,
+          "the body lies outside the grid");
+  const Surface surface(fields, body, options);
+  const GeodesicSphere& sphere = surface.sphere();
+  ForceResult out;
+  out.seen = surface.seen();
+  for (std::size_t i = 0; i < sphere.points.size(); ++i)
+    if (out.seen[i]) out.coverage += sphere.area[i] / (4 * M_PI);
+  require(out.coverage > 0, "no node with fluid is near the body");
+  if (out.coverage > 1 - 1e-9) out.coverage = 1;
+  if (out.coverage < 1)
+    addNote(out.note, "only " + percent(out.coverage) + " of the surface is seen, the rest is carried over");
+
+  const std::vector<Forces> all = forcesAround(surface, body, options.centreCovariance);
+  const Forces& forces = all[0];
+  Uncertainty uncertainty(all);
+  const Vec pressureVariance = fillSurface(FluidNodes(fields, body), sphere, forces, out);
+  uncertainty.pressure.addComponents(pressureVariance.cwiseSqrt());
+  uncertainty.both.addComponents(pressureVariance.cwiseSqrt());
+  out.pressureForce = {forces.pressureForce, uncertainty.pressure.sigma(), true};
+  out.friction = {forces.friction, uncertainty.friction.sigma(), true};
+  setControlVolume(surface, forces.balance, uncertainty.balance.sigma(), out);
+  out.inertia = inertia(body, options);
+  setDragAndLift(body, options.density, uncertainty, out);
   return out;
 }
 
