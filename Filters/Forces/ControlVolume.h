@@ -11,7 +11,7 @@ struct ControlShell {
 struct MomentumBalance {
   Eigen::Vector3d force = Eigen::Vector3d::Zero();         ///< of the fluid on the body, N
   Eigen::Vector3d pressureSigma = Eigen::Vector3d::Zero(); ///< from the error of the pressure, N
-  Eigen::Vector3d zoneSigma = Eigen::Vector3d::Zero();     ///< half the difference of the two balances, N
+  Eigen::Vector3d zoneSigma = Eigen::Vector3d::Zero();     ///< by which the second balance moves the first, N
   double missing = 0; ///< share of the shell without data, 0 to 1: nodes that hold no fluid
   bool cut = false;   ///< the shell reaches beyond the grid
 };
