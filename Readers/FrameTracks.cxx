@@ -4,6 +4,7 @@
 #include "TrackRows.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
 #include <numeric>
@@ -22,23 +23,33 @@ std::size_t endOfBlock(std::string_view text, std::size_t p, std::size_t bytes) 
   return newline ? std::size_t(static_cast<const char*>(newline) - text.data()) + 1 : p + bytes + room;
 }
 
-bool separates(char c) { return c == ',' || c == ';' || c == ' ' || c == '\t' || c == '\r' || c == '\n'; }
+struct Separators {
+  std::array<bool, 256> table{};
+  constexpr Separators() {
+    for (const char c : {' ', '\t', ',', ';', '\r', '\n'}) table[static_cast<unsigned char>(c)] = true;
+  }
+  bool operator[](char c) const { return table[static_cast<unsigned char>(c)]; }
+};
+constexpr Separators isSeparator;
 
 // A block of values without line ends as rows: every `columns`-th separator becomes a line end. The block
 // ends with a whole row, so that byte n of the result stands for byte p + n of the text.
 std::string asRows(std::string_view text, std::size_t p, std::size_t bytes, std::size_t columns) {
-  std::string rows;
-  rows.reserve(std::min(text.size() - p, bytes + 256));
+  std::string rows(text.substr(p, bytes + longestTrackLine + 1));
   std::size_t values = 0;
   bool inValue = false;
-  for (; p < text.size(); ++p) {
-    const char c = text[p];
-    const bool separator = separates(c);
-    values += separator && inValue;
-    rows += !separator ? c : inValue && values % columns == 0 ? '\n' : ',';
-    inValue = !separator;
-    if (rows.back() == '\n' && rows.size() >= bytes) break;
-    if (rows.size() > bytes + longestTrackLine) break;
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    if (!isSeparator[rows[i]]) {
+      inValue = true;
+      continue;
+    }
+    values += inValue;
+    const bool whole = inValue && values == columns;
+    rows[i] = whole ? '\n' : ',';
+    inValue = false;
+    if (!whole) continue;
+    values = 0;
+    if (i + 1 >= bytes) rows.resize(i + 1);
   }
   return rows;
 }
