@@ -125,9 +125,10 @@ const TrackColumnPlan& FrameTracks::columns(std::size_t, LengthUnit unit) const 
 
 std::size_t FrameTracks::frameOf(double number) {
   number += 0.; // -0 is 0
-  std::int64_t bits;
+  std::uint64_t bits;
   std::memcpy(&bits, &number, sizeof bits);
-  std::int32_t& slot = frameNumbers[bits];
+  bits ^= bits >> 32; // the low bits of whole numbers are all zero, and the table needs some that differ
+  std::int32_t& slot = frameNumbers[std::int64_t(bits)];
   if (slot == IdTable::none) {
     slot = std::int32_t(frames.size());
     frames.push_back({number, {}});
