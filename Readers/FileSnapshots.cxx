@@ -28,6 +28,7 @@ bool FileSnapshots::open(std::vector<std::string> files, const Progress& progres
   *this = FileSnapshots(format);
   try {
     texts = TrackTexts(std::move(files));
+    bool anyRow = false;
     for (std::size_t f = 0; f < texts.size(); ++f) {
       const auto part = [&](double fraction) {
         return goOn(progress, (double(f) + fraction) / double(texts.size()));
@@ -42,7 +43,13 @@ bool FileSnapshots::open(std::vector<std::string> files, const Progress& progres
       } catch (const std::runtime_error& e) {
         throw std::runtime_error(texts.paths()[f] + ", " + e.what());
       }
+      const TrackTableLayout& layout = layouts.back();
+      anyRow = anyRow || layout.declaredRows >= 0 || layout.rows < source->text().size();
     }
+    if (!anyRow)
+      throw std::runtime_error(
+          texts.paths()[0] +
+          ", line 1: there is no row of numbers after the header. Export the tracks again.");
     return true;
   } catch (...) {
     *this = FileSnapshots(format);

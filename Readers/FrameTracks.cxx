@@ -13,6 +13,8 @@ namespace rimflow {
 namespace {
 
 constexpr std::size_t mostFrames = 1000000;
+const char* const noRows =
+    "there is no row of numbers after the header. Export the tracks again if there should be.";
 
 // The end of a block of whole lines that begins at p; where a line has no end within reach, one byte more
 // than the longest line.
@@ -232,9 +234,7 @@ bool FrameTracks::readFile(std::size_t file, const Progress& progress) {
     p = end;
     if (!goOn(progress, double(p) / double(text.size()))) return false;
   }
-  if (rows == 0)
-    throw std::runtime_error(
-        path + ", line 1: there is no row of numbers after the header. Export the tracks again.");
+  if (rows == 0) notes.push_back(path + ", line 1: " + noRows);
   if (notFinite > 0)
     notes.push_back(texts.at(file, firstNotFinite) + notFiniteWarning(notFinite, rows, "this file"));
   return true;
@@ -251,8 +251,7 @@ bool FrameTracks::open(std::vector<std::string> files, const Progress& progress,
           f, [&](double fraction) { return goOn(progress, (double(f) + fraction) / double(texts.size())); });
     }
     if (done && frames.empty())
-      throw std::runtime_error(texts.paths()[0] +
-                               ": no particle has a finite position. Export the tracks again.");
+      throw std::runtime_error(notes.empty() ? texts.paths()[0] + ", line 1: " + noRows : notes.front());
     if (!done) *this = FrameTracks(format, options);
     return done;
   } catch (...) {

@@ -23,14 +23,15 @@ bool endsWithIds(std::string_view head, const TableHeader& header) {
 
 bool isLPTChallenge(std::string_view head) {
   const auto header = findTableHeader(head);
-  if (!header || header->linesBefore != headerLines || header->values < 3) return false;
+  if (!header || header->linesBefore != headerLines || (header->names.empty() && header->values < 3))
+    return false;
   return header->names.empty() || tableFormat().layout(head).frame < 0;
 }
 
 TrackTableFormat lptChallengeFormat() {
   const auto layout = [](std::string_view head) {
     const auto header = findTableHeader(head);
-    if (!header || header->values < 3)
+    if (!header || (header->names.empty() && header->values < 3))
       throw std::runtime_error(
           "line 4: expected rows X Y Z ... trackID after three header lines. Export the tracks "
           "again.");

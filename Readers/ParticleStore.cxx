@@ -1,5 +1,6 @@
 #include "ParticleStore.h"
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <stdexcept>
@@ -59,14 +60,24 @@ std::size_t ParticleStore::add(TrackSnapshot&& particles) {
 void ParticleStore::append(std::size_t segment, std::size_t begin, std::size_t count, bool idsOnly,
                            TrackSnapshot& to) const {
   const Segment& s = segments.at(segment);
-  if (!idsOnly && to.further.empty())
-    for (const TrackColumn& c : shape.further) to.further.push_back({c.name, {}});
-  if (idsOnly) {
-    TrackSnapshot all;
-    append(segment, begin, count, false, all);
-    to.trackId.insert(to.trackId.end(), all.trackId.begin(), all.trackId.end());
+  const auto fromDisk = [&](void* into, std::size_t bytes, std::size_t at) {
+    if (!file->read(into, bytes, at))
+      throw std::runtime_error("The temporary file with the particles cannot be read: " +
+                               std::string(std::strerror(errno)) + ". Reload the files.");
+  };
+  if (idsOnly) { // they stand first
+    if (shape.trackId.empty()) return;
+    const std::size_t before = to.trackId.size(), width = sizeof(std::int64_t);
+    to.trackId.resize(before + count);
+    if (s.onDisk)
+      fromDisk(to.trackId.data() + before, count * width, s.at + begin * width);
+    else
+      std::copy_n(s.particles.trackId.begin() + std::ptrdiff_t(begin), count,
+                  to.trackId.begin() + std::ptrdiff_t(before));
     return;
   }
+  if (to.further.empty())
+    for (const TrackColumn& c : shape.further) to.further.push_back({c.name, {}});
   if (!s.onDisk) {
     forEachArray(s.particles, to, [&](const auto& from, auto& into, std::size_t width) {
       if (from.empty()) return;
@@ -80,9 +91,7 @@ void ParticleStore::append(std::size_t segment, std::size_t begin, std::size_t c
     if (there.empty()) return;
     const std::size_t before = into.size(), bytes = width * sizeof(there[0]);
     into.resize(before + count * width);
-    if (!file->read(into.data() + before, count * bytes, at + begin * bytes))
-      throw std::runtime_error("The temporary file with the particles cannot be read: " +
-                               std::string(std::strerror(errno)) + ". Reload the files.");
+    fromDisk(into.data() + before, count * bytes, at + begin * bytes);
     at += s.rows * bytes;
   });
 }

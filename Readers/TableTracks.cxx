@@ -89,7 +89,9 @@ std::optional<TableHeader> findTableHeader(std::string_view head) {
       header.line = line.number;
     }
   }
-  return {};
+  if (header.names.empty() || head.size() >= trackHeadBytes) return {};
+  header.rows = head.size(); // a snapshot without particles
+  return header;
 }
 
 bool isTable(std::string_view head) {

@@ -15,9 +15,9 @@ struct TableHeader {
   std::size_t line = 0;        ///< of the names, from 1
   std::size_t linesBefore = 0; ///< lines that are not blank before the first row of numbers
   std::size_t rows = 0;        ///< byte at which the first row begins
-  std::size_t values = 0;      ///< in the first row
+  std::size_t values = 0;      ///< in the first row; 0: there is none
 };
-/// The names are empty when there are none; nothing at all when there is no row of numbers.
+/// The names are empty when there are none; nothing at all when there are neither names nor numbers.
 std::optional<TableHeader> findTableHeader(std::string_view head);
 
 /// CSV, or values between tabs, semicolons or blanks, with a header. The frame comes from a column called

@@ -133,6 +133,17 @@ TEST(OpenLPT, FilesOfARunHaveDisjointIds) {
   EXPECT_EQ(series.warnings, Strings());
 }
 
+TEST(OpenLPT, AFileOfARunMayBeEmpty) {
+  Folder folder;
+  const std::string empty = folder.write("ExitTrack_9.csv", openLPTHeader);
+  const std::string b = folder.write("LongTrackActive_9.csv", openLPTHeader + openLPTRow(0, 1, 3));
+  Series series({empty, b});
+  EXPECT_EQ(series.read(0).trackId, (Ids{0}));
+  ASSERT_EQ(series.warnings.size(), 1u);
+  expectParts(series.warnings[0], {"ExitTrack_9.csv, line 1: there is no row of numbers", "Export"});
+  expectParts(errorOf({empty}), {"ExitTrack_9.csv, line 1: there is no row of numbers", "Export"});
+}
+
 TEST(OpenLPT, OneLineOfTuples) {
   Folder folder;
   const std::string tuples = "0,10,1.5,2.5,3.5,0,11,4,5,6.25,1,11,7,8,9,";
@@ -181,6 +192,9 @@ TEST(OpenLPT, ManyBlocksEqualOne) {
         for (std::size_t k = 0; k < timeline.times.size(); ++k) {
           TrackSnapshot s;
           ASSERT_TRUE(tracks.read(timeline.entries[k], {}, s, warnings));
+          TrackSnapshot ids;
+          ASSERT_TRUE(tracks.read(timeline.entries[k], {}, ids, warnings, {}, TrackFile::Content::TrackIds));
+          ASSERT_EQ(ids.trackId, s.trackId);
           const auto& particles = expected[long(timeline.times[k])];
           ASSERT_EQ(s.size(), particles.size());
           for (std::size_t p = 0; p < particles.size(); ++p) {
@@ -370,6 +384,18 @@ TEST(Table, WithoutFrameEveryFileIsASnapshot) {
   EXPECT_FALSE(looksLikeTracks(folder.write("xyz.csv", "x,y,z\n1,2,3\n"))); // any table may have these
 }
 
+TEST(Table, ASnapshotMayBeEmpty) {
+  Folder folder;
+  for (const char* head : {"id,x,y,z\n", "a\nb\nid x y z\n"}) {
+    const std::string empty = folder.write("p1.csv", head);
+    Series series({empty, folder.write("p2.csv", head + std::string("5,2,3,4\n"))});
+    EXPECT_EQ(series.read(0).size(), 0u);
+    EXPECT_EQ(series.read(1).trackId, (Ids{5}));
+    EXPECT_EQ(series.warnings, Strings());
+    expectParts(errorOf({empty}), {"p1.csv, line 1: there is no row of numbers", "Export"});
+  }
+}
+
 TEST(Table, UnknownUnitOfTheFileCanBeChosen) {
   Folder folder;
   const std::string file = folder.write("t.csv", "frame,id,x[px],y[px],z[px]\n1,2,3,4,5\n");
@@ -466,7 +492,7 @@ TEST(TrackFormatsDamage, EveryKindNamesFileLineAndRemedy) {
   expectParts(errorOf({folder.write("t.csv", "id;frame;x;y;z\n1;1;2,5;3,5;4,5\n")}),
               {"t.csv, line 2: ", "decimal points"});
   expectParts(errorOf({folder.write("t.csv", "id,frame,x,y,z\n")}),
-              {"t.csv, line 1: found \"id,frame,x,y,z\"", "Export"});
+              {"t.csv, line 1: there is no row of numbers", "Export"});
   expectParts(errorOf({folder.write("t.csv", "id,frame,x,y\n1,2,3,4\n")}),
               {"t.csv, line 1: found", "expected", "x, y and z"});
   expectParts(errorOf({folder.write("t.txt", "1 2 3 4\n5 6 7 8\n")}),
