@@ -72,13 +72,28 @@ Clock findClock(const std::vector<std::string>& names) {
   return clock;
 }
 
+// Columns without a known meaning that hold no numbers (labels, file names), as the first row tells.
+std::vector<bool> textColumns(std::string_view rows, const std::vector<std::string>& names, int clock) {
+  std::vector<bool> text(names.size(), false);
+  const auto lines = linesOfHead(rows, 1);
+  const auto values = lines.empty() ? std::vector<std::string_view>() : valuesOf(lines[0].text);
+  if (values.size() != names.size()) return text;
+  const TrackColumnPlan plan = planTrackColumns(names, LengthUnit::Millimetre);
+  for (std::size_t c = 0; c < names.size(); ++c)
+    text[c] =
+        plan.columns[c].target == TrackColumnPlan::Target::Further && int(c) != clock && !isNumber(values[c]);
+  return text;
+}
+
 } // namespace
 
 std::optional<TableHeader> findTableHeader(std::string_view head) {
   TableHeader header;
   for (const HeadLine& line : linesOfHead(head, linesLookedAt)) {
     const std::vector<std::string_view> values = valuesOf(line.text);
-    if (isNumber(values[0]) || (looksLikeRow(line.text) && header.line > 0)) {
+    const bool row = values.size() == header.names.size() &&
+                     std::count_if(values.begin(), values.end(), isNumber) >= 3; // it may begin with a label
+    if (isNumber(values[0]) || (header.line > 0 && (row || looksLikeRow(line.text)))) {
       header.rows = line.begin;
       header.values = values.size();
       return header;
@@ -112,6 +127,7 @@ TrackTableFormat tableFormat() {
     l.frame = clock.column;
     l.secondsPerUnit = clock.secondsPerUnit;
     l.rows = header->rows;
+    l.ignored = textColumns(head.substr(header->rows), l.columns, clock.column);
     l.expected = "as many as there are names in line " + std::to_string(header->line);
     return l;
   };

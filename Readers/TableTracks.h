@@ -22,7 +22,7 @@ std::optional<TableHeader> findTableHeader(std::string_view head);
 
 /// CSV, or values between tabs, semicolons or blanks, with a header. The frame comes from a column called
 /// frame (FrameID, step, ...), the time from one called t or time (in s; `time[ms]`); with neither of them
-/// every file is one snapshot.
+/// every file is one snapshot. Columns of text are left out.
 bool isTable(std::string_view head);
 TrackTableFormat tableFormat();
 

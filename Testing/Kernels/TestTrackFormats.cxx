@@ -396,6 +396,16 @@ TEST(Table, ASnapshotMayBeEmpty) {
   }
 }
 
+TEST(Table, ColumnsOfTextAreLeftOut) {
+  Folder folder;
+  Series series(
+      {folder.write("t.csv", "label,id,frame,x,y,z,q\nfirst,7,1,2,3,4,0.5\nsecond,8,1,2,3,4,0.25\n")});
+  const TrackSnapshot s = series.read(0);
+  EXPECT_EQ(s.trackId, (Ids{7, 8}));
+  ASSERT_EQ(s.further.size(), 1u);
+  EXPECT_EQ(s.further[0].values, (std::vector<double>{0.5, 0.25}));
+}
+
 TEST(Table, UnknownUnitOfTheFileCanBeChosen) {
   Folder folder;
   const std::string file = folder.write("t.csv", "frame,id,x[px],y[px],z[px]\n1,2,3,4,5\n");
