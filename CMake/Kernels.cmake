@@ -6,14 +6,28 @@ find_path(FASTFLOAT_INCLUDE_DIR fast_float/fast_float.h REQUIRED) # Debian: libf
 
 add_library(rimflow_kernels STATIC
   Readers/AnalyticFlows.cxx
+  Readers/FileSnapshots.cxx
+  Readers/FrameTracks.cxx
+  Readers/LPTChallengeTracks.cxx
   Readers/MappedFile.cxx
+  Readers/MyPTVTracks.cxx
+  Readers/OpenLPTTracks.cxx
+  Readers/OpenPTVTracks.cxx
+  Readers/ParticleStore.cxx
+  Readers/TableHead.cxx
+  Readers/TableTracks.cxx
   Readers/TecplotHeader.cxx
   Readers/TecplotTracks.cxx
+  Readers/TemporaryFile.cxx
   Readers/TrackColumns.cxx
+  Readers/TrackFormat.cxx
+  Readers/TrackMessages.cxx
   Readers/TrackPathlines.cxx
   Readers/TrackRows.cxx
   Readers/TrackSelection.cxx
   Readers/TrackSynthesis.cxx
+  Readers/TrackTableLayout.cxx
+  Readers/TrackTexts.cxx
   Readers/TrackTimeline.cxx
   Filters/Common/BoxPoisson.cxx
   Filters/Common/Interpolation.cxx

@@ -1,7 +1,8 @@
 #include "MappedFile.h"
 
+#include "TemporaryFile.h"
+
 #include <cerrno>
-#include <cstdlib>
 #include <cstring>
 #include <fcntl.h>
 #include <stdexcept>
@@ -91,18 +92,6 @@ private:
   gzFile file = nullptr;
 };
 
-Descriptor temporaryFile(const std::string& path, std::string& folder) {
-  const char* given = std::getenv("TMPDIR");
-  folder = given && *given ? given : "/tmp";
-  std::string name = folder + "/rimflow-XXXXXX";
-  Descriptor file(::mkstemp(name.data()));
-  if (file.get() < 0)
-    fail(path, "cannot be unpacked: no temporary file in " + folder + " (" + std::strerror(errno) +
-                   "). Set TMPDIR to a folder with room, or unpack the file with gunzip.");
-  ::unlink(name.c_str());
-  return file;
-}
-
 } // namespace
 
 FileStamp stampOf(const std::string& path) {
@@ -142,35 +131,36 @@ std::shared_ptr<MappedFile> MappedFile::open(const std::string& path, const Prog
   Descriptor file = openForReading(path, result->opened);
   result->size = result->opened.size;
   if (isGzip(file.get())) {
-    std::string folder;
-    Descriptor to = temporaryFile(path, folder);
+    TemporaryFile to;
+    if (!to.good())
+      fail(path, "cannot be unpacked: no temporary file in " + to.folder() + " (" + std::strerror(errno) +
+                     "). Set TMPDIR to a folder with room, or unpack the file with gunzip.");
     GzipStream from(path, std::move(file));
     std::vector<char> piece(1 << 22);
     result->unpacked = true;
-    result->size = 0;
     while (const std::size_t n = from.read(piece.data(), piece.size())) {
-      for (std::size_t done = 0; done < n;) {
-        const ssize_t written = ::write(to.get(), piece.data() + done, n - done);
-        if (written < 0 && errno == EINTR) continue;
-        if (written <= 0)
-          fail(path, "cannot be unpacked into " + folder + " after " + std::to_string(result->size >> 20) +
-                         " MiB: " + std::strerror(errno) +
-                         ". Free some space, set TMPDIR to a folder with room, or unpack it with gunzip.");
-        done += std::size_t(written);
-        result->size += std::size_t(written);
-      }
+      if (!to.append(piece.data(), n))
+        fail(path, "cannot be unpacked into " + to.folder() + " after " + std::to_string(to.size() >> 20) +
+                       " MiB: " + std::strerror(errno) +
+                       ". Free some space, set TMPDIR to a folder with room, or unpack it with gunzip.");
       if (!goOn(progress, from.fractionRead(result->opened))) return nullptr;
     }
-    file = std::move(to);
+    result->size = to.size();
+    result->map(path, to.descriptor());
+    return result;
   }
-  if (result->size == 0) return result;
-  void* mapped = ::mmap(nullptr, result->size, PROT_READ, MAP_SHARED, file.get(), 0);
+  result->map(path, file.get());
+  return result;
+}
+
+void MappedFile::map(const std::string& path, int fd) {
+  if (size == 0) return;
+  void* mapped = ::mmap(nullptr, size, PROT_READ, MAP_SHARED, fd, 0);
   if (mapped == MAP_FAILED) {
-    result->size = 0;
+    size = 0;
     fail(path, std::string("cannot be mapped into memory: ") + std::strerror(errno) + ".");
   }
-  result->data = static_cast<const char*>(mapped);
-  return result;
+  data = static_cast<const char*>(mapped);
 }
 
 MappedFile::~MappedFile() {

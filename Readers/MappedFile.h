@@ -50,6 +50,7 @@ public:
 
 private:
   MappedFile() = default;
+  void map(const std::string& path, int fd);
   const char* data = nullptr;
   std::size_t size = 0;
   bool unpacked = false;

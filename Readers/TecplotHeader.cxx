@@ -113,38 +113,6 @@ private:
   std::size_t pos = 0;
 };
 
-// Names stand in quotes, or without them between commas, or, without commas, between blanks (a unit in
-// brackets may follow its name after a blank: `x [mm]`).
-std::vector<std::string> splitVariables(std::string_view list) {
-  std::vector<std::string> names;
-  bool commas = false, inQuotes = false;
-  for (char c : list) {
-    if (c == '"' || c == '\n') inQuotes = c == '"' && !inQuotes;
-    commas = commas || (c == ',' && !inQuotes);
-  }
-  for (std::size_t p = 0; p < list.size();) {
-    if (isSpace(list[p]) || list[p] == ',') {
-      ++p;
-    } else if (list[p] == '"') {
-      const std::size_t end = std::min(list.find_first_of("\"\n", p + 1), list.size());
-      names.emplace_back(trimmed(list.substr(p + 1, end - p - 1)));
-      p = end + 1;
-    } else {
-      std::size_t end = p;
-      while (end < list.size() && list[end] != '\n' && list[end] != '"' &&
-             (commas ? list[end] != ',' : !isSpace(list[end])))
-        ++end;
-      const std::string_view name = trimmed(list.substr(p, end - p));
-      if (!names.empty() && name.size() > 1 && name.front() == '[' && !commas)
-        names.back() += " " + std::string(name);
-      else if (!name.empty())
-        names.emplace_back(name);
-      p = end;
-    }
-  }
-  return names;
-}
-
 // Where the list of names ends: at a line that opens another record, or at the word ZONE.
 std::size_t endOfVariables(std::string_view text, std::size_t begin) {
   bool inQuotes = false;
@@ -214,6 +182,36 @@ bool looksLikeRow(std::string_view line) {
   return p == line.size() || line[p] != '=';
 }
 
+std::vector<std::string> splitColumnNames(std::string_view list) {
+  std::vector<std::string> names;
+  bool commas = false, inQuotes = false;
+  for (char c : list) {
+    if (c == '"' || c == '\n') inQuotes = c == '"' && !inQuotes;
+    commas = commas || (c == ',' && !inQuotes);
+  }
+  for (std::size_t p = 0; p < list.size();) {
+    if (isSpace(list[p]) || list[p] == ',') {
+      ++p;
+    } else if (list[p] == '"') {
+      const std::size_t end = std::min(list.find_first_of("\"\n", p + 1), list.size());
+      names.emplace_back(trimmed(list.substr(p + 1, end - p - 1)));
+      p = end + 1;
+    } else {
+      std::size_t end = p;
+      while (end < list.size() && list[end] != '\n' && list[end] != '"' &&
+             (commas ? list[end] != ',' : !isSpace(list[end])))
+        ++end;
+      const std::string_view name = trimmed(list.substr(p, end - p));
+      if (!names.empty() && name.size() > 1 && name.front() == '[' && !commas)
+        names.back() += " " + std::string(name);
+      else if (!name.empty())
+        names.emplace_back(name);
+      p = end;
+    }
+  }
+  return names;
+}
+
 TecplotHeader parseTecplotHeader(std::string_view original) {
   const std::string cleaned = withoutComments(original);
   const std::string_view block = cleaned;
@@ -237,7 +235,7 @@ TecplotHeader parseTecplotHeader(std::string_view original) {
     } else if (!quote && key == "VARIABLES" && scan.takeEquals()) {
       const std::size_t from = scan.position(), to = endOfVariables(block, from);
       header.hasVariables = true;
-      header.variables = splitVariables(block.substr(from, to - from));
+      header.variables = splitColumnNames(block.substr(from, to - from));
       scan.skip(to - from);
       titleGoesOn = false;
     } else if (!quote && (key == "AUXDATA" || key == "DATASETAUXDATA" || key == "VARAUXDATA")) {

@@ -34,6 +34,10 @@ struct TecplotHeader {
 
 TecplotHeader parseTecplotHeader(std::string_view block);
 
+/// Names stand in quotes, or without them between commas, or, without commas, between blanks (a unit in
+/// brackets may follow its name after a blank: `x [mm]`).
+std::vector<std::string> splitColumnNames(std::string_view list);
+
 /// True when a line begins with a word that opens a header record (TITLE, VARIABLES, ZONE, ...), in upper or
 /// lower case.
 bool beginsTecplotRecord(std::string_view line);

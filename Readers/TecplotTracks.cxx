@@ -1,13 +1,11 @@
 #include "TecplotTracks.h"
 
-#include "IdTable.h"
+#include "TrackMessages.h"
 #include "TrackRows.h"
 
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <set>
-#include <sstream>
 
 namespace rimflow {
 namespace {
@@ -15,50 +13,6 @@ namespace {
 constexpr std::size_t longestHeader = std::size_t(4) << 20;
 constexpr std::size_t mostZones = 1000000;
 constexpr std::size_t pieceToRelease = std::size_t(32) << 20;
-constexpr std::size_t mostPlainFilesOpen = 8;
-constexpr std::size_t mostTemporaryBytes = std::size_t(4) << 30; // of unpacked files, when there are several
-
-std::string printable(std::string_view text, std::size_t most = 40) {
-  std::string result(text.substr(0, most));
-  for (char& c : result)
-    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = '?';
-  return "\"" + toUtf8(result) + (text.size() > most ? "..." : "") + "\"";
-}
-
-std::string shortNumber(double x) {
-  std::ostringstream s;
-  s.imbue(std::locale::classic());
-  s.precision(12);
-  s << x;
-  return s.str();
-}
-
-std::string_view lineAt(std::string_view text, std::size_t begin) {
-  const std::string_view rest = text.substr(begin, 4096);
-  return rest.substr(0, rest.find_first_of("\r\n"));
-}
-
-std::string_view tokenAt(std::string_view text, std::size_t begin) {
-  const std::string_view rest = text.substr(begin, 128);
-  return rest.substr(0, rest.find_first_of(" \t,;\r\n"));
-}
-
-// Why a file is no Tecplot ASCII file, from its first bytes; empty when it may be one.
-std::string foreignFormat(std::string_view head) {
-  const auto begins = [&](std::string_view magic) { return head.substr(0, magic.size()) == magic; };
-  const std::string asAscii = " Export the particles as Tecplot ASCII (.dat).";
-  if (head.empty()) return "the file is empty." + asAscii;
-  if (head.substr(0, 4096).find("SetIdentifier") != head.npos)
-    return "this is DaVis' own .set file, which cannot be read here. In DaVis, export the tracks as Tecplot "
-           "ASCII "
-           "(.dat), with positions, velocities, accelerations and track IDs.";
-  if (begins("#!TDV") || begins("#!SZPLT")) return "this is a binary Tecplot file." + asAscii;
-  if (begins("\xFF\xFE") || begins("\xFE\xFF"))
-    return "this text is in UTF-16; expected plain text (ASCII, Latin-1 or UTF-8). Save it as UTF-8.";
-  if (head.substr(0, 4096).find('\0') != head.npos)
-    return "this is a binary file; expected Tecplot ASCII, which is text." + asAscii;
-  return {};
-}
 
 // The first line from `begin` on (which is the start of a line) that is a row of numbers, or the text's end.
 std::size_t endOfHeader(std::string_view text, std::size_t begin, bool& tooLong) {
@@ -120,10 +74,6 @@ std::size_t nextLine(std::string_view text, std::size_t offset) {
   return newline ? std::size_t(static_cast<const char*>(newline) - text.data()) + 1 : text.npos;
 }
 
-const char* const lineTooLong = "a line of more than 1 MiB; expected one row of numbers per line. The line "
-                                "ends are missing, or this is no "
-                                "Tecplot ASCII file: export it again.";
-
 } // namespace
 
 // What is carried from zone to zone and from file to file while indexing.
@@ -131,29 +81,6 @@ struct TecplotTracks::Scan {
   bool trustRowCounts = true;
   double bytesPerRow = 0; // of the zone before; 0: not known
 };
-
-std::string TecplotTracks::at(std::size_t file, std::size_t offset) const {
-  return paths[file] + ", line " + std::to_string(lineOf(file, offset)) + ": ";
-}
-
-std::size_t TecplotTracks::lineOf(std::size_t file, std::size_t offset) const {
-  const auto source = mapped(file);
-  const std::string_view text = source->text();
-  offset = std::min(offset, text.size());
-  auto& known = lines[file];
-  known.emplace(0, 1);
-  const auto before = std::prev(known.upper_bound(offset));
-  std::size_t p = before->first, line = before->second;
-  while (p < offset) {
-    const std::size_t end = std::min(offset, p + pieceToRelease);
-    line +=
-        std::size_t(std::count(text.begin() + std::ptrdiff_t(p), text.begin() + std::ptrdiff_t(end), '\n'));
-    if (offset - before->first > pieceToRelease) source->release(p, end);
-    p = end;
-  }
-  known.emplace(offset, line);
-  return line;
-}
 
 bool TecplotTracks::canRead(const std::string& path) {
   try {
@@ -173,46 +100,21 @@ bool TecplotTracks::canRead(const std::string& path) {
   }
 }
 
-namespace {
-std::vector<std::string> inNaturalOrder(std::vector<std::string> files) {
-  std::stable_sort(files.begin(), files.end(), naturallyBefore);
-  return files;
-}
-} // namespace
-
-bool TecplotTracks::isOpen(std::vector<std::string> files) const {
-  files = inNaturalOrder(std::move(files));
-  files.erase(std::unique(files.begin(), files.end()), files.end());
-  if (files.empty() || files != paths) return false;
-  try {
-    for (std::size_t f = 0; f < files.size(); ++f)
-      if (stampOf(files[f]) != stamps[f]) return false;
-  } catch (const std::exception&) {
-    return false;
-  }
-  return true;
-}
+bool TecplotTracks::isOpen(std::vector<std::string> files) const { return texts.areStill(std::move(files)); }
 
 void TecplotTracks::close() { *this = TecplotTracks(); }
 
 bool TecplotTracks::open(std::vector<std::string> files, const Progress& progress, bool trustRowCounts) {
   close();
-  if (files.empty()) throw std::runtime_error("No file name was given. Set FileNames.");
   try {
-    paths = inNaturalOrder(std::move(files));
-    for (std::size_t f = 1; f < paths.size(); ++f)
-      if (paths[f] == paths[f - 1]) notes.push_back(paths[f] + ": given more than once; read once.");
-    paths.erase(std::unique(paths.begin(), paths.end()), paths.end());
-    stamps.resize(paths.size());
-    lines.resize(paths.size());
+    texts = TrackTexts(std::move(files));
     Scan scan;
     scan.trustRowCounts = trustRowCounts;
-    for (std::size_t f = 0; f < paths.size(); ++f) {
-      stamps[f] = stampOf(paths[f]);
+    for (std::size_t f = 0; f < texts.size(); ++f) {
       const auto part = [&](double fraction) {
-        return goOn(progress, (double(f) + fraction) / double(paths.size()));
+        return goOn(progress, (double(f) + fraction) / double(texts.size()));
       };
-      const auto source = mapped(f, part);
+      const auto source = texts.first(f, part);
       if (!source || !part(1.0)) {
         close();
         return false;
@@ -227,30 +129,6 @@ bool TecplotTracks::open(std::vector<std::string> files, const Progress& progres
     close();
     throw;
   }
-}
-
-std::shared_ptr<MappedFile> TecplotTracks::mapped(std::size_t file, const Progress& progress) const {
-  if (const auto found = open_.find(file); found != open_.end()) {
-    lastUsed.erase(std::find(lastUsed.begin(), lastUsed.end(), file));
-    lastUsed.push_back(file);
-    return found->second;
-  }
-  auto source = MappedFile::open(paths[file], progress);
-  if (!source) return nullptr;
-  if (source->stamp() != stamps[file])
-    throw TrackIndexOutdated(paths[file] + ": the file has changed since it was opened.");
-  std::size_t temporary = source->temporaryBytes(), plain = source->temporaryBytes() == 0;
-  for (auto f = lastUsed.rbegin(); f != lastUsed.rend(); ++f) {
-    temporary += open_[*f]->temporaryBytes();
-    plain += open_[*f]->temporaryBytes() == 0;
-    if (temporary > mostTemporaryBytes || plain > mostPlainFilesOpen) open_.erase(*f);
-  }
-  lastUsed.erase(
-      std::remove_if(lastUsed.begin(), lastUsed.end(), [&](std::size_t f) { return !open_.count(f); }),
-      lastUsed.end());
-  open_[file] = source;
-  lastUsed.push_back(file);
-  return source;
 }
 
 std::size_t TecplotTracks::layoutOf(const std::vector<std::string>& variables, std::size_t file) {
@@ -281,7 +159,7 @@ void TecplotTracks::checkZone(const TecplotZoneHeader& header, std::size_t file,
 void TecplotTracks::indexFile(std::size_t file, const MappedFile& source, Scan& scan) {
   const std::string_view text = source.text();
   if (const std::string foreign = foreignFormat(text.substr(0, 1 << 16)); !foreign.empty())
-    throw std::runtime_error(paths[file] + ": " + foreign);
+    throw std::runtime_error(texts.paths()[file] + ": " + foreign);
   constexpr std::size_t none = std::size_t(-1);
   std::size_t layout = none, released = 0;
   const std::size_t zonesBefore = index.size();
@@ -290,10 +168,10 @@ void TecplotTracks::indexFile(std::size_t file, const MappedFile& source, Scan& 
     bool tooLong = false;
     const std::size_t headerEnd = endOfHeader(text, p, tooLong);
     if (tooLong && layout == none && text.substr(p, longestHeader).find("VARIABLES") == text.npos)
-      throw std::runtime_error(paths[file] +
+      throw std::runtime_error(texts.paths()[file] +
                                ", line 1: no VARIABLES and no row of numbers in the first 4 MiB. This is "
                                "no Tecplot ASCII file, or its line ends are missing: export it again.");
-    if (tooLong) throw std::runtime_error(at(file, headerEnd) + lineTooLong);
+    if (tooLong) throw std::runtime_error(at(file, headerEnd) + trackLineTooLong);
     const TecplotHeader header = parseTecplotHeader(text.substr(headerBegin, headerEnd - headerBegin));
     if (header.hasVariables) layout = layoutOf(header.variables, file);
     if (layout == none) {
@@ -332,7 +210,8 @@ void TecplotTracks::indexFile(std::size_t file, const MappedFile& source, Scan& 
       index.push_back(std::move(zone));
     }
     if (index.size() > mostZones)
-      throw std::runtime_error(paths[file] + ": more than a million snapshots. Open fewer files at a time.");
+      throw std::runtime_error(texts.paths()[file] +
+                               ": more than a million snapshots. Open fewer files at a time.");
     if (headerEnd == text.size()) break;
 
     TecplotZone& zone = index.back();
@@ -347,10 +226,11 @@ void TecplotTracks::indexFile(std::size_t file, const MappedFile& source, Scan& 
     }
     if (!jumped) {
       end = findRowsEnd(source, headerEnd, text.npos);
-      if (end.tooLong) throw std::runtime_error(at(file, end.offset) + lineTooLong);
+      if (end.tooLong) throw std::runtime_error(at(file, end.offset) + trackLineTooLong);
       scan.trustRowCounts = scan.trustRowCounts && zone.declaredRows == end.rows;
-      const auto line = lines[file].find(headerEnd);
-      if (line != lines[file].end()) lines[file].emplace(end.offset, line->second + end.lines);
+      const auto line = texts.knownLines(file).find(headerEnd);
+      if (line != texts.knownLines(file).end())
+        texts.knownLines(file).emplace(end.offset, line->second + end.lines);
     }
     zone.begin = headerEnd;
     zone.end = end.offset;
@@ -364,7 +244,7 @@ void TecplotTracks::indexFile(std::size_t file, const MappedFile& source, Scan& 
   }
   source.release(0, text.size());
   if (index.size() == zonesBefore)
-    throw std::runtime_error(paths[file] +
+    throw std::runtime_error(texts.paths()[file] +
                              ": the header names the columns, but there is no ZONE and no row of "
                              "numbers. Export the tracks again.");
 }
@@ -380,18 +260,16 @@ TrackTimeline TecplotTracks::timeline(const TrackTimeOptions& options,
                                       std::vector<std::string>& warnings) const {
   std::vector<TrackTimeEntry> entries;
   for (const TecplotZone& z : index)
-    entries.push_back({z.time, numberAtEnd(z.title), numberOfFile(paths[z.file]), z.file});
+    entries.push_back({z.time, numberAtEnd(z.title), numberOfFile(texts.paths()[z.file]), z.file});
   const TrackTimeline line = arrangeTimes(entries, options);
 
-  warnings.insert(warnings.end(), notes.begin(), notes.end());
+  warnings.insert(warnings.end(), texts.notes().begin(), texts.notes().end());
   const auto zoneAt = [&](std::size_t z) { return at(index[z].file, index[z].header); };
   using Source = TrackTimeline::Source;
   const std::string number = line.source == Source::TitleNumber  ? "the number in the zone's title"
                              : line.source == Source::FileNumber ? "the number in the file's name"
                                                                  : "the order of the snapshots";
-  const std::string period = options.framePeriod > 0
-                                 ? "the frame period of " + shortNumber(options.framePeriod) + " s"
-                                 : "1 s, because no FramePeriod is set. Set it to have true times";
+  const std::string period = framePeriodWords(options.framePeriod);
   if (line.allTimesEqual)
     warnings.push_back(zoneAt(0) + "all " + std::to_string(index.size()) +
                        " snapshots have SOLUTIONTIME=" + shortNumber(index[0].time) +
@@ -410,8 +288,9 @@ TrackTimeline TecplotTracks::timeline(const TrackTimeOptions& options,
   if (!line.replaced.empty()) {
     const std::size_t z = line.replaced[0], by = line.replacedBy[0];
     warnings.push_back(
-        zoneAt(z) + "this snapshot has the same time as the one at " + paths[index[by].file] + ", line " +
-        std::to_string(lineOf(index[by].file, index[by].header)) + "; only the later one is used" +
+        zoneAt(z) + "this snapshot has the same time as the one at " + texts.paths()[index[by].file] +
+        ", line " + std::to_string(lineOf(index[by].file, index[by].header)) +
+        "; only the later one is used" +
         (line.replaced.size() > 1 ? ", and so for " + std::to_string(line.replaced.size() - 1) + " more"
                                   : std::string()) +
         ". If both are needed, open the files one by one, or correct SOLUTIONTIME.");
@@ -425,18 +304,17 @@ TrackTimeline TecplotTracks::timeline(const TrackTimeOptions& options,
   return line;
 }
 
-bool TecplotTracks::read(std::size_t zoneNumber, LengthUnit unit, TrackSnapshot& snapshot,
+bool TecplotTracks::read(std::size_t zoneNumber, const TrackUnits& units, TrackSnapshot& snapshot,
                          std::vector<std::string>& warnings, const Progress& progress,
                          Content content) const {
   snapshot = {};
   const TecplotZone& zone = index.at(zoneNumber);
-  if (stampOf(paths[zone.file]) != stamps[zone.file])
-    throw TrackIndexOutdated(paths[zone.file] + ": the file has changed since it was opened.");
-  const auto source = mapped(zone.file, progress);
+  texts.checkUnchanged(zone.file);
+  const auto source = texts.mapped(zone.file, progress);
   if (!source) return false;
   const std::string_view text = source->text();
   if (!zone.problem.empty()) throw std::runtime_error(at(zone.file, zone.problemOffset) + zone.problem);
-  const TrackColumnPlan& plan = columns(zoneNumber, unit);
+  const TrackColumnPlan& plan = columns(zoneNumber, units.length);
   if (!plan.error.empty()) throw std::runtime_error(at(zone.file, zone.header) + plan.error + ".");
 
   source->willNeed(zone.begin, zone.end);
@@ -447,81 +325,34 @@ bool TecplotTracks::read(std::size_t zoneNumber, LengthUnit unit, TrackSnapshot&
 
   using Fault = TrackRowsResult::Fault;
   const std::size_t offset = zone.begin + r.offset;
-  const std::string expected =
-      std::to_string(plan.columns.size()) + " values per row, as many as there are VARIABLES";
-  const auto column = [&] { return printable(plan.columns[r.column].label); };
-  switch (r.fault) {
-  case Fault::None:
-    break;
-  case Fault::TooFew:
-    if (zone.end == text.size() && text.find('\n', offset) == text.npos)
-      throw std::runtime_error(
-          at(zone.file, offset) + "the file ends in the middle of a row, after " + std::to_string(r.values) +
-          " of " + std::to_string(plan.columns.size()) + " values" +
-          (zone.declaredRows >= 0
-               ? " and " + std::to_string(r.rows) + " of " + std::to_string(zone.declaredRows) + " rows"
-               : std::string()) +
-          ". This snapshot is not whole: copy or export the file again. The other snapshots can "
-          "be read.");
-    [[fallthrough]];
-  case Fault::TooMany: {
-    const std::string_view row = lineAt(text, offset);
-    bool decimalComma = r.fault == Fault::TooMany && row.find('.') == row.npos;
-    decimalComma = decimalComma && row.find(',') != row.npos && row.find_first_of(" \t;") != row.npos;
-    throw std::runtime_error(at(zone.file, offset) + "found " + std::to_string(r.values) +
-                             (r.values == 1 ? " value" : " values") + " in the row " + printable(row) +
-                             "; expected " + expected + ". " +
-                             (decimalComma ? "Commas seem to stand for decimal points: export with points."
-                                           : "Repair this row or export the file again."));
-  }
-  case Fault::NotANumber:
-    throw std::runtime_error(at(zone.file, offset) + "found " + printable(tokenAt(text, offset)) +
-                             " in column " + column() +
-                             "; expected a number. Repair this row or export the file again.");
-  case Fault::NotAnId:
-    throw std::runtime_error(at(zone.file, offset) + "found " + printable(tokenAt(text, offset)) +
-                             " in column " + column() +
-                             "; expected a whole number. Repair this row or export the file again.");
-  case Fault::TooLong:
-    throw std::runtime_error(at(zone.file, offset) + lineTooLong);
-  case Fault::HeaderInside:
+  if (r.fault == Fault::TooFew && zone.end == text.size() && text.find('\n', offset) == text.npos)
+    throw std::runtime_error(
+        at(zone.file, offset) + "the file ends in the middle of a row, after " + std::to_string(r.values) +
+        " of " + std::to_string(plan.columns.size()) + " values" +
+        (zone.declaredRows >= 0
+             ? " and " + std::to_string(r.rows) + " of " + std::to_string(zone.declaredRows) + " rows"
+             : std::string()) +
+        ". This snapshot is not whole: copy or export the file again. The other snapshots can be read.");
+  if (r.fault == Fault::HeaderInside)
     throw TrackIndexOutdated(at(zone.file, offset) +
                              "a header stands where I=" + std::to_string(zone.declaredRows) + " in " +
                              printable(zone.title) + " announced rows. All lines have to be looked at.");
-  }
+  if (r.fault != Fault::None)
+    throw std::runtime_error(at(zone.file, offset) +
+                             rowFault(r, text, offset, plan, "as many as there are VARIABLES"));
 
   const auto warn = [&](std::size_t where, const std::string& what) {
     warnings.push_back(at(zone.file, where) + what);
   };
   for (const std::string& w : plan.warnings)
-    warnings.push_back(paths[layoutFile[zone.layout]] + ": " + w + ".");
+    warnings.push_back(texts.paths()[layoutFile[zone.layout]] + ": " + w + ".");
   if (zone.declaredRows >= 0 && zone.declaredRows != r.rows)
     warn(zone.header, "the zone " + printable(zone.title) + " announces I=" +
                           std::to_string(zone.declaredRows) + " rows, but has " + std::to_string(r.rows) +
                           "; all that are there are read. If the export was interrupted, export again.");
   if (r.notFinite > 0)
-    warn(zone.begin + r.firstNotFinite, std::to_string(r.notFinite) + " of " + std::to_string(r.rows) +
-                                            " particles left out of this snapshot, the first one here: a "
-                                            "position, velocity, acceleration or id is "
-                                            "NaN or infinite. Check the export if these particles matter.");
-  const std::vector<std::int64_t>& ids = snapshot.trackId;
-  if (std::adjacent_find(ids.begin(), ids.end(), std::greater_equal<>()) != ids.end()) {
-    IdTable seen(ids.size());
-    std::size_t again = 0;
-    std::int64_t example = 0;
-    for (const std::int64_t id : ids) {
-      if (id < 0) continue; // no track
-      std::int32_t& first = seen[id];
-      if (first != IdTable::none && again++ == 0) example = id;
-      first = 0;
-    }
-    if (again > 0)
-      warn(zone.header,
-           std::to_string(again) + " particles of this snapshot have the trackID of another one, such as " +
-               std::to_string(example) +
-               "; all are kept, and pathlines follow the first. Ids written with too few digits look like "
-               "this: export them as whole numbers.");
-  }
+    warn(zone.begin + r.firstNotFinite, notFiniteWarning(r.notFinite, r.rows, "this snapshot"));
+  if (const auto duplicates = duplicateIds(snapshot)) warn(zone.header, *duplicates);
   return true;
 }
 

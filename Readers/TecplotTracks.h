@@ -1,16 +1,12 @@
 #pragma once
-#include "MappedFile.h"
 #include "Progress.h"
 #include "TecplotHeader.h"
-#include "TrackColumns.h"
-#include "TrackSnapshot.h"
-#include "TrackTimeline.h"
+#include "TrackFile.h"
+#include "TrackTexts.h"
 
 #include <cstdint>
 #include <limits>
 #include <map>
-#include <memory>
-#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -18,7 +14,7 @@ namespace rimflow {
 
 /// One ZONE, which is one snapshot: where it stands and what its header says.
 struct TecplotZone {
-  std::size_t file = 0;                                   ///< in TecplotTracks::files()
+  std::size_t file = 0;                                   ///< its number
   std::size_t header = 0;                                 ///< byte of the word ZONE
   std::size_t begin = 0, end = 0;                         ///< bytes of the rows
   std::size_t layout = 0;                                 ///< which VARIABLES list
@@ -27,11 +23,6 @@ struct TecplotZone {
   std::string title;
   std::string problem; ///< why this zone cannot be read; empty when all is well
   std::size_t problemOffset = 0;
-};
-
-/// The files are no longer those that were indexed: open() again.
-struct TrackIndexOutdated : std::runtime_error {
-  using std::runtime_error::runtime_error;
 };
 
 /// Shake-The-Box tracks in Tecplot ASCII as DaVis exports them: one file with a zone per snapshot, one file
@@ -50,7 +41,7 @@ struct TrackIndexOutdated : std::runtime_error {
 /// that is not finite (left out and counted); an id twice in one snapshot (both particles kept); no velocity,
 /// no trackID, an incomplete vector; times missing, all equal, negative, or the same twice (the later one
 /// given is kept).
-class TecplotTracks {
+class TecplotTracks : public TrackFile {
 public:
   /// True when the content is that of a track table which open() reads (or of a DaVis .set, for which open()
   /// says how to export it). Looks at the first 64 KiB. Never throws.
@@ -58,48 +49,35 @@ public:
 
   /// Finds all zones; the files are put in natural order (B2 before B10). `trustRowCounts`: where I= is right
   /// for the first zone, jump to the place where the next zone must begin and look for it there, instead of
-  /// looking at all lines; read() finds out if that was wrong. Returns false when aborted (nothing is open
-  /// then).
-  bool open(std::vector<std::string> files, const Progress& progress = {}, bool trustRowCounts = true);
+  /// looking at all lines; read() finds out if that was wrong.
+  bool open(std::vector<std::string> files, const Progress& progress = {},
+            bool trustRowCounts = true) override;
   void close();
-  /// False when a file was changed, replaced or removed since open(), or these are other files.
-  bool isOpen(std::vector<std::string> files) const;
+  bool isOpen(std::vector<std::string> files) const override;
 
-  const std::vector<std::string>& files() const { return paths; }
   const std::vector<TecplotZone>& zones() const { return index; }
-  /// The columns as read() will use them.
-  const TrackColumnPlan& columns(std::size_t zone, LengthUnit unit) const;
-  /// Snapshots in the order of time; what the user should know about it is added to `warnings`.
-  TrackTimeline timeline(const TrackTimeOptions& options, std::vector<std::string>& warnings) const;
-
-  enum class Content { All, TrackIds };
-  /// Reads one snapshot (or its trackIds only). Returns false when aborted. Throws std::runtime_error as
-  /// above and TrackIndexOutdated; `snapshot` is empty then. `warnings` are added.
-  bool read(std::size_t zone, LengthUnit unit, TrackSnapshot& snapshot, std::vector<std::string>& warnings,
-            const Progress& progress = {}, Content content = Content::All) const;
+  std::size_t snapshotCount() const override { return index.size(); }
+  const std::string& fileOf(std::size_t zone) const override { return texts.paths()[index.at(zone).file]; }
+  const TrackColumnPlan& columns(std::size_t zone, LengthUnit unit) const override;
+  TrackTimeline timeline(const TrackTimeOptions& options, std::vector<std::string>& warnings) const override;
+  bool read(std::size_t zone, const TrackUnits& units, TrackSnapshot& snapshot,
+            std::vector<std::string>& warnings, const Progress& progress = {},
+            Content content = Content::All) const override;
 
   /// The line of a byte, from 1.
-  std::size_t lineOf(std::size_t file, std::size_t offset) const;
+  std::size_t lineOf(std::size_t file, std::size_t offset) const { return texts.lineOf(file, offset); }
 
 private:
   struct Scan;
   void indexFile(std::size_t file, const MappedFile& source, Scan& scan);
   std::size_t layoutOf(const std::vector<std::string>& variables, std::size_t file);
   void checkZone(const TecplotZoneHeader& header, std::size_t file, std::size_t offset) const;
-  std::shared_ptr<MappedFile> mapped(std::size_t file, const Progress& progress = {}) const;
-  std::string at(std::size_t file, std::size_t offset) const;
+  std::string at(std::size_t file, std::size_t offset) const { return texts.at(file, offset); }
 
-  std::vector<std::string> paths;
-  std::vector<std::string> notes; ///< warnings about the files as such
-  std::vector<FileStamp> stamps;
+  TrackTexts texts;
   std::vector<std::vector<std::string>> layouts;
   std::vector<std::size_t> layoutFile; ///< the first file with this layout
   std::vector<TecplotZone> index;
-
-  mutable std::map<std::size_t, std::shared_ptr<MappedFile>> open_;
-  mutable std::vector<std::size_t> lastUsed; ///< files in open_, the most recent one last
-  mutable std::vector<std::map<std::size_t, std::size_t>>
-      lines; ///< known line numbers, by byte, for each file
   mutable std::map<std::pair<std::size_t, LengthUnit>, TrackColumnPlan> plans;
 };
 

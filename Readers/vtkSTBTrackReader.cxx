@@ -1,7 +1,7 @@
 #include "vtkSTBTrackReader.h"
 
 #include "SnapshotCache.h"
-#include "TecplotTracks.h"
+#include "TrackFormat.h"
 #include "TrackPathlines.h"
 #include "TrackSelection.h"
 #include "vtkFilterInput.h"
@@ -92,10 +92,10 @@ vtkSmartPointer<vtkCellArray> verticesFor(vtkIdType points) {
 // The files that are open, and what was read from them.
 struct vtkSTBTrackReader::Series {
   vtkSTBTrackReader* self;
-  rimflow::TecplotTracks tracks;
+  std::unique_ptr<rimflow::TrackFile> tracks;
   rimflow::TrackTimeline line;
   rimflow::SnapshotCache cache;
-  rimflow::LengthUnit unit = rimflow::LengthUnit::Auto; // of the snapshots in the cache
+  rimflow::TrackUnits units; // of the snapshots in the cache
   std::unique_ptr<rimflow::TrackLengths> lengths;
   std::set<std::string> told; // warnings
   double progressBegin = 0, progressEnd = 1;
@@ -117,18 +117,19 @@ struct vtkSTBTrackReader::Series {
     }
   }
   const rimflow::TrackColumnPlan& plan(std::size_t snapshot) const {
-    return tracks.columns(line.entries[snapshot], rimflow::LengthUnit(self->LengthUnit));
+    return tracks->columns(line.entries[snapshot], rimflow::LengthUnit(self->LengthUnit));
   }
 
   void open(bool trustRowCounts = true) {
     cache.clear();
     lengths.reset();
     told.clear();
-    if (!tracks.open(self->FileNames, progress(), trustRowCounts)) throw Aborted();
+    tracks = rimflow::makeTrackFile(self->FileNames);
+    if (!tracks->open(self->FileNames, progress(), trustRowCounts)) throw Aborted();
   }
   void arrange() {
     std::vector<std::string> warnings;
-    line = tracks.timeline({self->FramePeriod, self->TimeShift, self->ShiftTimeToZero}, warnings);
+    line = tracks->timeline({self->FramePeriod, self->TimeShift, self->ShiftTimeToZero}, warnings);
     tell(warnings);
   }
   std::size_t nearest(double time) const {
@@ -140,14 +141,14 @@ struct vtkSTBTrackReader::Series {
 
   rimflow::SnapshotCache::Pointer read(std::size_t snapshot) {
     cache.setLimit(std::size_t(self->CacheSize) << 20);
-    const auto wanted = rimflow::LengthUnit(self->LengthUnit);
-    if (wanted != unit) cache.clear();
-    unit = wanted;
+    const rimflow::TrackUnits wanted(rimflow::LengthUnit(self->LengthUnit), self->FramePeriod);
+    if (wanted != units) cache.clear();
+    units = wanted;
     const std::size_t zone = line.entries[snapshot];
     if (auto found = cache.find(zone)) return found;
     auto fresh = std::make_shared<rimflow::TrackSnapshot>();
     std::vector<std::string> warnings;
-    const bool done = tracks.read(zone, unit, *fresh, warnings, progress());
+    const bool done = tracks->read(zone, units, *fresh, warnings, progress());
     tell(warnings);
     if (!done) throw Aborted();
     cache.add(zone, fresh);
@@ -166,8 +167,8 @@ struct vtkSTBTrackReader::Series {
       rimflow::TrackSnapshot ids;
       try {
         std::vector<std::string> toldWhenRead;
-        if (!tracks.read(line.entries[s], unit, ids, toldWhenRead, {},
-                         rimflow::TecplotTracks::Content::TrackIds))
+        if (!tracks->read(line.entries[s], units, ids, toldWhenRead, {},
+                          rimflow::TrackFile::Content::TrackIds))
           throw Aborted();
       } catch (const rimflow::TrackIndexOutdated&) {
         throw;
@@ -187,7 +188,7 @@ struct vtkSTBTrackReader::Series {
     const bool needsIds = s.firstId >= 0 || s.lastId >= 0 || s.minimumLength > 1;
     if (needsIds && !plan(snapshot).hasTrackId)
       throw std::runtime_error(
-          tracks.files()[tracks.zones()[line.entries[snapshot]].file] +
+          tracks->fileOf(line.entries[snapshot]) +
           ": there is no column trackID, so TrackIdRange and MinimumTrackLength cannot be "
           "applied. Set them back, or export the track IDs too.");
     progressBegin = 0;
@@ -277,7 +278,7 @@ const char* vtkSTBTrackReader::GetFileName(int index) const {
                                                             : nullptr;
 }
 
-int vtkSTBTrackReader::CanReadFile(const char* name) { return name && rimflow::TecplotTracks::canRead(name); }
+int vtkSTBTrackReader::CanReadFile(const char* name) { return name && rimflow::looksLikeTracks(name); }
 
 int vtkSTBTrackReader::RequestInformation(vtkInformation*, vtkInformationVector**,
                                           vtkInformationVector* outputs) {
@@ -285,7 +286,7 @@ int vtkSTBTrackReader::RequestInformation(vtkInformation*, vtkInformationVector*
   information->Remove(vtkStreamingDemandDrivenPipeline::TIME_STEPS());
   information->Remove(vtkStreamingDemandDrivenPipeline::TIME_RANGE());
   try {
-    if (!this->Open || !this->Open->tracks.isOpen(this->FileNames)) {
+    if (!this->Open || !this->Open->tracks->isOpen(this->FileNames)) {
       this->Open = std::make_unique<Series>(this);
       this->Open->open();
     }

@@ -1,11 +1,13 @@
 /**
  * @class vtkSTBTrackReader
- * @brief Shake-The-Box particle tracks from DaVis' Tecplot ASCII export
+ * @brief particle tracks from Shake-The-Box and other tracking programs
  *
- * Reads one file with a ZONE per snapshot, one file per snapshot, or any mix, plain or gzip-compressed
- * (recognised by the content). The files are indexed once; then only the snapshots that are asked for are
- * read, so that a file may be far larger than the memory. Columns are found by their names; units become SI.
- * Which dialects, and what happens with damaged files: TecplotTracks.h and Documentation/file-formats.md.
+ * Reads DaVis' Tecplot ASCII export, OpenLPT, MyPTV, OpenPTV, LPT challenge files and tables with a header,
+ * plain or gzip-compressed, all of it recognised by the content. Tecplot files are indexed once; then only
+ * the snapshots that are asked for are read. Formats with their rows in the order of tracks are read once and
+ * kept in binary, in memory or in a temporary file. So a file may be far larger than the memory. Columns are
+ * found by their names; units become SI. Which dialects, and what happens with damaged files: TrackFormat.h
+ * and Documentation/file-formats.md.
  *
  * Output: vtkPolyData at the snapshot nearest to the time asked for, points in m (float).
  *  - Particles: one vertex per particle. Point arrays `Velocity` (m/s), `Acceleration` (m/s2), `TrackId`
@@ -53,15 +55,17 @@ public:
   enum LengthUnits { AUTO = 0, METRE = 1, MILLIMETRE = 2, CENTIMETRE = 3, MICROMETRE = 4 };
   ///@{
   /// Unit of the positions. AUTO (default): the file's own, mm where it has none. Velocities and
-  /// accelerations always have the file's own (m/s and m/s2 where it has none).
+  /// accelerations always have the file's own (m/s and m/s2 where it has none), unless they are lengths per
+  /// frame.
   vtkSetClampMacro(LengthUnit, int, AUTO, MICROMETRE);
   vtkGetMacro(LengthUnit, int);
   ///@}
 
   ///@{
-  /// Time between two snapshots in s, used only where the file gives no time: then the time is the number in
-  /// the zone's title (else in the file's name, else the place in the series) times this. 0 (default): not
-  /// known; 1 s is taken, with a warning. Range 0 and more.
+  /// Time between two frames in s, used where the file gives no time: then the time is the frame number (in
+  /// Tecplot files the number in the zone's title, else in the file's name, else the place in the series)
+  /// times this. 0 (default): not known; 1 s is taken, with a warning. Velocities per frame (MyPTV) need it:
+  /// without it such a file is an error. Range 0 and more.
   vtkSetClampMacro(FramePeriod, double, 0, VTK_DOUBLE_MAX);
   vtkGetMacro(FramePeriod, double);
   ///@}

@@ -22,6 +22,7 @@
 #include "vtkStringArray.h"
 #include "vtkTestErrorObserver.h"
 
+#include <algorithm>
 #include <cmath>
 #include <gtest/gtest.h>
 #include <map>
@@ -405,6 +406,78 @@ TEST(VtkSTBTrackReader, ErrorsEmptyTheOutputAndOtherSnapshotsStayReadable) {
   reader->RemoveAllFileNames();
   reader->Update();
   EXPECT_TRUE(observed.saw("FileNames"));
+}
+
+TEST(VtkSTBTrackReader, EveryFormatHasTimesArraysPathlinesAndChoices) {
+  const std::string samples = RIMFLOW_TEST_DATA;
+  struct Format {
+    std::vector<std::string> files;
+    std::size_t times;
+    vtkIdType particles, tracks; // in all snapshots
+    std::size_t velocities;      // arrays
+  };
+  const std::vector<Format> formats = {
+      {{"/openlpt/ExitTrack_12.csv", "/openlpt/LongTrackActive_12.csv"}, 12, 108, 9, 0},
+      {{"/myptv/smoothed_trajectories"}, 7, 222, 34, 2},
+      {{"/myptv/trajectories"}, 7, 281, 36, 0},
+      {{"/openptv/ptv_is.7", "/openptv/ptv_is.8", "/openptv/ptv_is.9"}, 3, 12, 5, 0}};
+  for (const Format& f : formats) {
+    vtkNew<vtkSTBTrackReader> reader;
+    Observed observed(reader);
+    for (const std::string& file : f.files) reader->AddFileName((samples + file).c_str());
+    reader->SetFramePeriod(0.002);
+    const std::vector<double> times = timesOf(reader);
+    ASSERT_EQ(times.size(), f.times) << f.files[0];
+    vtkIdType particles = 0;
+    std::map<vtkIdType, int> length;
+    for (const double t : times) {
+      reader->UpdateTimeStep(t);
+      vtkPointData* arrays = reader->GetOutput()->GetPointData();
+      EXPECT_EQ(std::size_t(arrays->HasArray("Velocity") + arrays->HasArray("Acceleration")), f.velocities);
+      particles += reader->GetOutput()->GetNumberOfPoints();
+      auto* ids = vtkIdTypeArray::SafeDownCast(arrays->GetArray("TrackId"));
+      ASSERT_NE(ids, nullptr);
+      for (vtkIdType i = 0; i < ids->GetNumberOfTuples(); ++i)
+        if (ids->GetValue(i) >= 0) ++length[ids->GetValue(i)];
+      for (int c = 0; c < 6; ++c) EXPECT_LT(std::abs(reader->GetOutput()->GetBounds()[c]), 0.2); // m
+    }
+    EXPECT_EQ(particles, f.particles) << f.files[0];
+    EXPECT_EQ(vtkIdType(length.size()), f.tracks) << f.files[0];
+    reader->SetMinimumTrackLength(3);
+    reader->SetOutputMode(vtkSTBTrackReader::PATHLINES);
+    reader->SetTrailLength(int(times.size()));
+    reader->UpdateTimeStep(times.back());
+    std::set<vtkIdType> lines;
+    auto* cellIds = vtkIdTypeArray::SafeDownCast(reader->GetOutput()->GetCellData()->GetArray("TrackId"));
+    for (vtkIdType c = 0; c < cellIds->GetNumberOfTuples(); ++c) lines.insert(cellIds->GetValue(c));
+    EXPECT_EQ(lines.size(), std::size_t(std::count_if(length.begin(), length.end(),
+                                                      [](auto& l) { return l.second >= 3; })));
+    EXPECT_GT(lines.size(), 0u);
+    EXPECT_FALSE(observed.observer->GetError() || observed.observer->GetWarning())
+        << observed.observer->GetWarningMessage();
+  }
+}
+
+TEST(VtkSTBTrackReader, VelocitiesPerFrameNeedTheFramePeriod) {
+  vtkNew<vtkSTBTrackReader> reader;
+  Observed observed(reader);
+  reader->SetFileName((std::string(RIMFLOW_TEST_DATA) + "/myptv/smoothed_trajectories").c_str());
+  reader->Update();
+  EXPECT_TRUE(observed.saw("per frame"));
+  EXPECT_TRUE(observed.saw("Set FramePeriod"));
+  EXPECT_EQ(reader->GetOutput()->GetNumberOfPoints(), 0);
+  observed.observer->Clear();
+  reader->SetFramePeriod(0.002);
+  reader->UpdateTimeStep(0.006);
+  EXPECT_FALSE(observed.observer->GetError());
+  const auto speed = [&] {
+    return reader->GetOutput()->GetPointData()->GetArray("Velocity")->GetComponent(0, 0);
+  };
+  const double v = speed();
+  reader->SetFramePeriod(0.001); // twice as fast, also from the cache
+  reader->UpdateTimeStep(0.003);
+  EXPECT_NEAR(speed(), 2 * v, 1e-6 * std::abs(v));
+  EXPECT_GT(std::abs(v), 0);
 }
 
 TEST(VtkSTBTrackReader, WithoutTrackIdsParticlesComeAndPathlinesSayWhy) {

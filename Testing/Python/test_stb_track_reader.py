@@ -59,6 +59,35 @@ class TestSTBTrackReader(unittest.TestCase):
             self.assertEqual(vtkSTBTrackReader.CanReadFile(table), 0)
             self.assertEqual(vtkSTBTrackReader.CanReadFile(packed), 1)
 
+    def test_open_data_file_takes_every_format_and_leaves_other_tables_alone(self):
+        track = "TrackID,FrameID,WorldX,WorldY,WorldZ\n0,1,1.5,2,3\n0,2,1.5,2,3\n"
+        files = {
+            "LongTrackActive_9.csv": track,
+            "ActiveLongTracks.txt": "0,1,1.5,2,3,0,2,1.5,2,3,",
+            "smoothed_trajectories": "7\t1.5\t2\t3\t1.5\t1\t1\t1\t1\t1\t1.000\n7\t1.5\t2\t3\t1\t1\t1\t1\t1\t1\t2.000\n",
+            "table.csv": "id;frame;x;y;z\n1;1;1.5;2;3\n1;2;1.5;2;3\n",
+            "ptv_is.1": "1\n -1 -2 1.5 2 3\n",
+        }
+        with tempfile.TemporaryDirectory() as folder:
+            for name, text in files.items():
+                path = os.path.join(folder, name)
+                with open(path, "w") as f:
+                    f.write(text)
+                self.assertEqual(vtkSTBTrackReader.CanReadFile(path), 1, name)
+                reader = simple.STBTrackReader(FileNames=path, FramePeriod=0.5)
+                reader.UpdatePipeline(0.5)
+                self.assertEqual(list(reader.TimestepValues), [0.5] if name == "ptv_is.1" else [0.5, 1.0])
+                data = servermanager.Fetch(reader)
+                self.assertEqual(data.GetNumberOfPoints(), 1)
+                self.assertAlmostEqual(data.GetPoint(0)[0], 0.0015)
+                self.assertIn("TrackId", arrays(data))
+                if not name.endswith((".csv", ".txt")):  # those are ParaView's own too, and its GUI asks
+                    self.assertEqual(simple.OpenDataFile(path).GetXMLName(), "STBTrackReader")
+            plain = os.path.join(folder, "plain.csv")
+            with open(plain, "w") as f:
+                f.write("a,b\n1,2\n")
+            self.assertEqual(simple.OpenDataFile(plain).GetXMLName(), "CSVReader")
+
     def test_every_property_reaches_the_class(self):
         settings = dict(FramePeriod=0.5, TimeShift=2.0, ShiftTimeToZero=1, TrailLength=4, MinimumTrackLength=2, TrackIdRange=[3, 50], Stride=2, CacheSize=10)
         reader = simple.STBTrackReader(FileNames=ONE_FILE, LengthUnit="um", OutputMode="Pathlines", **settings)
