@@ -395,9 +395,9 @@ void check(const PressureProblem& problem, const ParallelLineOptions& options) {
   if (options.order != 2 && options.order != 4)
     throw std::invalid_argument("the order of integration is " + std::to_string(options.order) +
                                 "; it must be 2 or 4");
-  if (options.directions < 12)
+  if (options.directions < 12 || options.directions > 163842)
     throw std::invalid_argument("the number of directions is " + std::to_string(options.directions) +
-                                "; it must be at least 12");
+                                "; it must be 12 to 163842");
   if (!(options.lineSpacing >= 0)) throw std::invalid_argument("the line spacing must not be negative");
   if (!(options.tolerance > 0)) throw std::invalid_argument("the tolerance must be greater than 0");
   if (options.maximumIterations < 1) throw std::invalid_argument("at least one iteration is needed");

@@ -8,7 +8,8 @@
 namespace rimflow {
 
 struct ParallelLineOptions {
-  int directions = 642;   ///< at least so many: the next larger 10 n^2 + 2 of a geodesic icosphere, >= 12
+  int directions =
+      642; ///< at least so many: the next larger 10 n^2 + 2 of a geodesic icosphere, 12 to 163842
   double lineSpacing = 0; ///< between the lines of one direction, m; 0: the smallest grid spacing
   int order = 4;          ///< of the integration from node to node: 4, or 2 (trapezoid)
   /// Stop when an iteration changes the boundary's pressure by this part of its rms, > 0. The published 1e-4

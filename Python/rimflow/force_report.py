@@ -146,7 +146,7 @@ def conclusions(run):
         result.append(f"Surface and control volume differ by {100 * apart / abs(volume['Cd_mean']):.1f} % in their mean drag, "
                       + ("within two standard deviations: two independent ways give the same force." if apart <= margin else
                          "more than two standard deviations. The surface depends on the layer next to the wall, which the grid may not resolve; "
-                         "the control volume does not, but needs undisturbed data around the sphere. Take their difference as the uncertainty."))
+                         "the control volume depends on it far less, but needs undisturbed data around the sphere. Take their difference as the uncertainty."))
     if motion:
         apart = abs(motion["Cd_mean"] - cd)
         result.append(f"The motion of the sphere with its buoyancy and weight demands Cd = {motion['Cd_mean']:.3f}, {100 * apart / abs(cd):.1f} % from "
