@@ -25,6 +25,8 @@ add_library(rimflow_kernels STATIC
   Readers/TrackPathlines.cxx
   Readers/TrackRows.cxx
   Readers/TrackSelection.cxx
+  Readers/TrackSeries.cxx
+  Readers/TrackStatistics.cxx
   Readers/TrackSynthesis.cxx
   Readers/TrackTableLayout.cxx
   Readers/TrackTexts.cxx

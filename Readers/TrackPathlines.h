@@ -4,7 +4,6 @@
 #include "TrackSnapshot.h"
 
 #include <cstdint>
-#include <memory>
 #include <string>
 #include <vector>
 
@@ -22,15 +21,20 @@ struct Pathlines {
   std::vector<std::string> dropped; ///< arrays that only some of the snapshots have
 };
 
-/// Builds pathlines from snapshots that are given in the order of time. A track that is not there in a
-/// snapshot is broken: what follows is a line of its own. Tracks that ended before the last snapshot are
+/// Builds pathlines in two passes over the snapshots, which come in the order of time in both: the first one
+/// looks at the ids alone, so that the second can put every particle into its place. Only the lines
+/// themselves, 8 bytes for each of their points, and one snapshot are in memory. A track that is not there
+/// in a snapshot is broken: what follows is a line of its own. Tracks that ended before the last snapshot are
 /// kept. Particles with a negative trackId belong to no line.
 class PathlineBuilder {
 public:
   explicit PathlineBuilder(const TrackSelection& selection) : selection(selection) {}
-  /// Throws std::runtime_error when the particles have no trackId. The snapshot is kept until finish() where
-  /// most of its particles are needed, otherwise these are copied.
-  void add(std::shared_ptr<const TrackSnapshot> snapshot, double time);
+  /// First pass: the trackIds of all particles of the next snapshot.
+  void addIds(const std::vector<std::int64_t>& trackIds, double time);
+  /// Second pass, one call for each one of the first. Throws std::runtime_error when the snapshot has fewer
+  /// particles than it had ids.
+  void addParticles(const TrackSnapshot& snapshot);
+  /// The lines, once all snapshots have been given twice.
   Pathlines finish();
 
 private:
@@ -38,17 +42,19 @@ private:
     std::int64_t id;
     std::int32_t first, last; // snapshots
   };
-  TrackSelection selection;
-  IdTable latest;        // the latest run of each track
-  std::vector<Run> runs; // in the order of their first points
   struct Part {
-    std::shared_ptr<const TrackSnapshot> particles;
     std::vector<std::uint32_t> rows; // of the particles that belong to a run
     std::vector<std::int32_t> run;   // of each of these rows
     double time;
   };
+  void layOut();
+  TrackSelection selection;
+  IdTable latest;        // the latest run of each track
+  std::vector<Run> runs; // in the order of their first points
   std::vector<Part> parts;
-  std::size_t duplicates = 0;
+  std::vector<std::int64_t> begin; // the first point of each run
+  std::size_t placed = 0;          // parts whose particles are in their places
+  Pathlines lines;
 };
 
 } // namespace rimflow

@@ -1,45 +1,6 @@
 #include "TrackSelection.h"
 
-#include <algorithm>
-#include <functional>
-#include <limits>
-#include <stdexcept>
-
 namespace rimflow {
-
-void TrackLengths::add(const std::vector<std::int64_t>& trackIds) {
-  constexpr std::size_t mostPages = (std::size_t(256) << 20) / (2 * pageSize + 64);
-  const std::vector<std::int64_t>* ids = &trackIds;
-  std::vector<std::int64_t> sorted;
-  if (std::adjacent_find(ids->begin(), ids->end(), std::greater_equal<>()) != ids->end()) {
-    sorted = trackIds;
-    std::sort(sorted.begin(), sorted.end());
-    sorted.erase(std::unique(sorted.begin(), sorted.end()), sorted.end());
-    ids = &sorted;
-  }
-  Page* page = nullptr;
-  std::int64_t pageNumber = -1;
-  for (const std::int64_t id : *ids) {
-    if (id < 0) continue;
-    if (id / pageSize != pageNumber) {
-      pageNumber = id / pageSize;
-      page = &pages[pageNumber];
-      if (page->empty()) page->resize(pageSize);
-      if (pages.size() > mostPages)
-        throw std::runtime_error(
-            "The track ids are too many and too scattered to count the tracks' lengths. Set "
-            "MinimumTrackLength to 1, or open fewer files.");
-    }
-    std::uint16_t& count = (*page)[std::size_t(id % pageSize)];
-    if (count < std::numeric_limits<std::uint16_t>::max()) ++count;
-  }
-}
-
-int TrackLengths::of(std::int64_t trackId) const {
-  if (trackId < 0) return 0;
-  const auto page = pages.find(trackId / pageSize);
-  return page == pages.end() ? 0 : page->second[std::size_t(trackId % pageSize)];
-}
 
 std::vector<std::uint32_t> selectedRows(const TrackSnapshot& snapshot, const TrackSelection& selection) {
   std::vector<std::uint32_t> rows;

@@ -1,9 +1,7 @@
 #include "vtkSTBTrackReader.h"
 
-#include "SnapshotCache.h"
 #include "TrackFormat.h"
-#include "TrackPathlines.h"
-#include "TrackSelection.h"
+#include "TrackSeries.h"
 #include "vtkFilterInput.h"
 
 #include "vtkCellArray.h"
@@ -26,14 +24,12 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
-#include <set>
 #include <stdexcept>
+#include <utility>
 
 vtkStandardNewMacro(vtkSTBTrackReader);
 
 namespace {
-
-struct Aborted {};
 
 template <class ArrayType, class T>
 vtkSmartPointer<ArrayType> makeArray(const char* name, int components, const std::vector<T>& values) {
@@ -89,144 +85,80 @@ vtkSmartPointer<vtkCellArray> verticesFor(vtkIdType points) {
 
 } // namespace
 
-// The files that are open, and what was read from them.
+// The files that are open, and how this reader's settings select from them.
 struct vtkSTBTrackReader::Series {
   vtkSTBTrackReader* self;
-  std::unique_ptr<rimflow::TrackFile> tracks;
-  rimflow::TrackTimeline line;
-  rimflow::SnapshotCache cache;
-  rimflow::TrackUnits units; // of the snapshots in the cache
-  std::unique_ptr<rimflow::TrackLengths> lengths;
-  std::set<std::string> told; // warnings
-  double progressBegin = 0, progressEnd = 1;
+  rimflow::TrackSeries series;
+  vtkNew<vtkPolyData> wholePathlines; // the same at all times
+  vtkMTimeType wholeMTime = 0;
 
   explicit Series(vtkSTBTrackReader* reader) : self(reader) {}
 
-  rimflow::Progress progress() {
-    return [this](double fraction) {
-      self->UpdateProgress(progressBegin + fraction * (progressEnd - progressBegin));
+  rimflow::Progress progress(double from, double to) {
+    return [this, from, to](double fraction) {
+      self->UpdateProgress(from + fraction * (to - from));
       return !rimflow::aborted(self);
     };
   }
-  // Each warning once, and not more of them than anybody reads.
-  void tell(const std::vector<std::string>& warnings) {
-    constexpr std::size_t most = 100;
-    for (const std::string& w : warnings) {
-      if (told.size() > most || !told.insert(w).second) continue;
-      vtkWarningWithObjectMacro(self, << w << (told.size() > most ? " Further warnings are not shown." : ""));
-    }
-  }
-  const rimflow::TrackColumnPlan& plan(std::size_t snapshot) const {
-    return tracks->columns(line.entries[snapshot], rimflow::LengthUnit(self->LengthUnit));
+  void tell() {
+    for (const std::string& w : series.takeWarnings()) vtkWarningWithObjectMacro(self, << w);
   }
 
   void open(bool trustRowCounts = true) {
-    cache.clear();
-    lengths.reset();
-    told.clear();
-    tracks = rimflow::makeTrackFile(self->FileNames);
-    if (!tracks->open(self->FileNames, progress(), trustRowCounts)) throw Aborted();
+    wholeMTime = 0;
+    series.open(self->FileNames, progress(0, 1), trustRowCounts);
   }
-  void arrange() {
-    std::vector<std::string> warnings;
-    line = tracks->timeline({self->FramePeriod, self->TimeShift, self->ShiftTimeToZero}, warnings);
-    tell(warnings);
-  }
-  std::size_t nearest(double time) const {
-    const auto after = std::lower_bound(line.times.begin(), line.times.end(), time);
-    if (after == line.times.begin()) return 0;
-    const std::size_t s = std::size_t(after - line.times.begin());
-    return after != line.times.end() && line.times[s] - time <= time - line.times[s - 1] ? s : s - 1;
-  }
-
-  rimflow::SnapshotCache::Pointer read(std::size_t snapshot) {
-    cache.setLimit(std::size_t(self->CacheSize) << 20);
-    const rimflow::TrackUnits wanted(rimflow::LengthUnit(self->LengthUnit), self->FramePeriod);
-    if (wanted != units) cache.clear();
-    units = wanted;
-    const std::size_t zone = line.entries[snapshot];
-    if (auto found = cache.find(zone)) return found;
-    auto fresh = std::make_shared<rimflow::TrackSnapshot>();
-    std::vector<std::string> warnings;
-    const bool done = tracks->read(zone, units, *fresh, warnings, progress());
-    tell(warnings);
-    if (!done) throw Aborted();
-    cache.add(zone, fresh);
-    return fresh;
-  }
-
-  // Goes through all files, once; a damaged snapshot counts as one where no track is.
-  void countLengths() {
-    auto counted = std::make_unique<rimflow::TrackLengths>();
-    const double begin = progressBegin, end = progressEnd;
-    std::vector<std::string> warnings;
-    for (std::size_t s = 0; s < line.entries.size(); ++s) {
-      progressBegin = begin + (end - begin) * double(s) / double(line.entries.size());
-      progressEnd = progressBegin;
-      if (!progress()(0)) throw Aborted();
-      rimflow::TrackSnapshot ids;
-      try {
-        std::vector<std::string> toldWhenRead;
-        if (!tracks->read(line.entries[s], units, ids, toldWhenRead, {},
-                          rimflow::TrackFile::Content::TrackIds))
-          throw Aborted();
-      } catch (const rimflow::TrackIndexOutdated&) {
-        throw;
-      } catch (const std::runtime_error& e) {
-        warnings.push_back(std::string(e.what()) + " (Its tracks are not counted for MinimumTrackLength.)");
-      }
-      counted->add(ids.trackId);
-    }
-    tell(warnings);
-    lengths = std::move(counted);
-    progressBegin = progressEnd = end;
+  void use() {
+    rimflow::TrackSeries::Settings s;
+    s.units = {rimflow::LengthUnit(self->LengthUnit), self->FramePeriod};
+    s.time = {self->FramePeriod, self->TimeShift, self->ShiftTimeToZero};
+    if (self->UseTimeRange) s.timeRange = {self->TimeRange[0], self->TimeRange[1]};
+    s.estimate = rimflow::TrackSeries::Estimate(self->EstimateVelocities);
+    s.polynomial = {self->PolynomialOrder, self->PolynomialWindow};
+    s.cacheBytes = std::size_t(self->CacheSize) << 20;
+    series.use(s);
+    tell();
   }
 
   rimflow::TrackSelection selection(std::size_t snapshot) {
     rimflow::TrackSelection s{self->Stride, self->TrackIdRange[0], self->TrackIdRange[1],
                               self->MinimumTrackLength, nullptr};
-    const bool needsIds = s.firstId >= 0 || s.lastId >= 0 || s.minimumLength > 1;
-    if (needsIds && !plan(snapshot).hasTrackId)
+    const bool needsIds = s.firstId >= 0 || s.lastId >= 0 || s.minimumLength > 1 || self->TrackStatistics ||
+                          self->OutputMode == PATHLINES;
+    if (needsIds && !series.columns(snapshot).hasTrackId)
       throw std::runtime_error(
-          tracks->fileOf(line.entries[snapshot]) +
-          ": there is no column trackID, so TrackIdRange and MinimumTrackLength cannot be "
-          "applied. Set them back, or export the track IDs too.");
-    progressBegin = 0;
-    progressEnd = 0.9;
-    if (s.minimumLength > 1 && !lengths) countLengths();
-    s.lengths = lengths.get();
+          series.fileOf(snapshot) +
+          ": there is no column trackID, so Pathlines, TrackIdRange, MinimumTrackLength and TrackStatistics "
+          "cannot be had. Set them back, or export the track IDs too.");
+    if (s.minimumLength > 1 || self->TrackStatistics) s.tracks = &series.statistics(progress(0.1, 0.8));
     return s;
   }
 
   void particles(std::size_t snapshot, vtkPolyData* output) {
     const rimflow::TrackSelection chosen = selection(snapshot);
-    progressEnd = 1;
-    const auto all = read(snapshot);
-    if (chosen.keepsAll())
-      fillPoints(output, *all, plan(snapshot));
-    else
-      fillPoints(output, rimflow::takeRows(*all, rimflow::selectedRows(*all, chosen)), plan(snapshot));
+    rimflow::TrackSeries::Snapshot shown = series.particles(snapshot, progress(0.8, 1));
+    if (!chosen.keepsAll() || self->TrackStatistics) {
+      auto copy = std::make_shared<rimflow::TrackSnapshot>(
+          rimflow::takeRows(*shown, rimflow::selectedRows(*shown, chosen)));
+      if (self->TrackStatistics) series.addStatistics(*copy, {series.times()[snapshot]});
+      shown = copy;
+    }
+    fillPoints(output, *shown, series.columns(snapshot));
     output->SetVerts(verticesFor(output->GetNumberOfPoints()));
   }
 
-  void pathlines(std::size_t snapshot, vtkPolyData* output) {
-    rimflow::PathlineBuilder builder(selection(snapshot));
-    const std::size_t count = std::min(snapshot + 1, std::size_t(self->TrailLength));
-    const double begin = progressBegin;
-    for (std::size_t i = 0; i < count; ++i) {
-      progressBegin = begin + (1 - begin) * double(i) / double(count);
-      progressEnd = begin + (1 - begin) * double(i + 1) / double(count);
-      const std::size_t s = snapshot + 1 - count + i;
-      builder.add(read(s), line.times[s]);
-    }
-    const rimflow::Pathlines lines = builder.finish();
+  void pathlines(std::size_t from, std::size_t to, vtkPolyData* output) {
+    rimflow::Pathlines lines = series.pathlines(from, to, selection(to), progress(0.8, 1));
     if (!lines.dropped.empty()) {
       std::string names;
       for (const std::string& name : lines.dropped) names += (names.empty() ? "" : ", ") + name;
-      tell({"Only some of the snapshots in the pathlines' window have " + names +
-            ", so the pathlines come without. Open files with the same columns together."});
+      vtkWarningWithObjectMacro(self, "Only some of the snapshots in the pathlines' window have "
+                                          << names
+                                          << ", so the pathlines come without. Open files with the same "
+                                             "columns together.");
     }
-    fillPoints(output, lines.points, plan(snapshot));
+    if (self->TrackStatistics) series.addStatistics(lines.points, lines.time);
+    fillPoints(output, lines.points, series.columns(to));
     output->GetPointData()->AddArray(makeArray<vtkDoubleArray>("Time", 1, lines.time));
     const auto middle = lines.offsets.begin() + std::ptrdiff_t(lines.singles);
     output->SetVerts(consecutive({lines.offsets.begin(), middle + 1}));
@@ -234,19 +166,40 @@ struct vtkSTBTrackReader::Series {
     output->GetCellData()->AddArray(makeArray<vtkIdTypeArray>("TrackId", 1, lines.trackId));
   }
 
-  void fill(std::size_t snapshot, vtkPolyData* output) {
-    if (self->OutputMode == PATHLINES)
-      pathlines(snapshot, output);
-    else
-      particles(snapshot, output);
-    const rimflow::TrackColumnPlan& columns = plan(snapshot);
-    output->GetFieldData()->AddArray(
+  void addFieldData(std::size_t snapshot, vtkPolyData* output) {
+    vtkFieldData* data = output->GetFieldData();
+    data->AddArray(
         makeArray<vtkIdTypeArray>("SnapshotIndex", 1, std::vector<vtkIdType>{vtkIdType(snapshot)}));
+    const rimflow::TrackColumnPlan columns = series.columns(snapshot);
     vtkNew<vtkStringArray> units;
     units->SetName("FileUnits");
     for (const std::string& u : {columns.lengthUnit, columns.velocityUnit, columns.accelerationUnit})
       units->InsertNextValue(rimflow::toUtf8(u));
-    output->GetFieldData()->AddArray(units);
+    data->AddArray(units);
+    const rimflow::TrackNoise noise = series.noise(progress(0, 0.1));
+    for (const auto& [name, value] :
+         {std::pair("PositionNoise", noise.position), std::pair("VelocityNoise", noise.velocity),
+          std::pair("AccelerationNoise", noise.acceleration)})
+      if (std::isfinite(value))
+        data->AddArray(makeArray<vtkDoubleArray>(name, 1, std::vector<double>{value}));
+  }
+
+  void fill(std::size_t snapshot, vtkPolyData* output) {
+    const std::size_t trail = std::size_t(self->TrailLength);
+    if (self->OutputMode == PARTICLES)
+      particles(snapshot, output);
+    else if (trail > 0)
+      pathlines(std::max(series.first() + trail, snapshot + 1) - trail, snapshot, output);
+    else {
+      if (wholeMTime != self->GetMTime()) {
+        wholePathlines->Initialize();
+        pathlines(series.first(), series.last(), wholePathlines);
+        wholeMTime = self->GetMTime();
+      }
+      output->ShallowCopy(wholePathlines);
+    }
+    addFieldData(snapshot, output);
+    tell();
   }
 };
 
@@ -286,12 +239,12 @@ int vtkSTBTrackReader::RequestInformation(vtkInformation*, vtkInformationVector*
   information->Remove(vtkStreamingDemandDrivenPipeline::TIME_STEPS());
   information->Remove(vtkStreamingDemandDrivenPipeline::TIME_RANGE());
   try {
-    if (!this->Open || !this->Open->tracks->isOpen(this->FileNames)) {
+    if (!this->Open || !this->Open->series.isOpen(this->FileNames)) {
       this->Open = std::make_unique<Series>(this);
       this->Open->open();
     }
-    this->Open->arrange();
-  } catch (const Aborted&) {
+    this->Open->use();
+  } catch (const rimflow::TrackReadAborted&) {
     this->Open.reset();
     this->Modified(); // so that the next update tries again
     return 1;
@@ -301,9 +254,11 @@ int vtkSTBTrackReader::RequestInformation(vtkInformation*, vtkInformationVector*
     vtkErrorMacro(<< problem.what());
     return 0;
   }
-  const std::vector<double>& times = this->Open->line.times;
-  const double range[2] = {times.front(), times.back()};
-  information->Set(vtkStreamingDemandDrivenPipeline::TIME_STEPS(), times.data(), int(times.size()));
+  const rimflow::TrackSeries& series = this->Open->series;
+  const double* times = series.times().data();
+  const double range[2] = {times[series.first()], times[series.last()]};
+  information->Set(vtkStreamingDemandDrivenPipeline::TIME_STEPS(), times + series.first(),
+                   int(series.last() - series.first() + 1));
   information->Set(vtkStreamingDemandDrivenPipeline::TIME_RANGE(), range, 2);
   return 1;
 }
@@ -314,10 +269,11 @@ int vtkSTBTrackReader::RequestData(vtkInformation*, vtkInformationVector**, vtkI
   if (!this->Open) return 1; // aborted while the files were indexed
   vtkInformation* information = outputs->GetInformationObject(0);
   const bool asked = information->Has(vtkStreamingDemandDrivenPipeline::UPDATE_TIME_STEP());
-  const std::vector<double> times = this->Open->line.times;
+  rimflow::TrackSeries& series = this->Open->series;
+  const std::vector<double> times = series.times();
   const double time =
-      asked ? information->Get(vtkStreamingDemandDrivenPipeline::UPDATE_TIME_STEP()) : times.front();
-  const std::size_t snapshot = this->Open->nearest(time);
+      asked ? information->Get(vtkStreamingDemandDrivenPipeline::UPDATE_TIME_STEP()) : times[series.first()];
+  const std::size_t snapshot = series.nearest(time);
   vtkNew<vtkPolyData> result;
   try {
     try {
@@ -326,18 +282,17 @@ int vtkSTBTrackReader::RequestData(vtkInformation*, vtkInformationVector**, vtkI
       // The files have changed, or their row counts misled the index: look at all lines, and go on if the
       // times that downstream knows of are still right.
       this->Open->open(false);
-      this->Open->arrange();
-      if (this->Open->line.times != times) {
+      this->Open->use();
+      if (series.times() != times) {
         throw std::runtime_error(
             std::string(why.what()) + " The files were read anew and hold " +
-            std::to_string(this->Open->line.times.size()) + " snapshots instead of " +
-            std::to_string(times.size()) +
+            std::to_string(series.times().size()) + " snapshots instead of " + std::to_string(times.size()) +
             ": reload the files (F5 in ParaView, Modified() in a program) to have all times.");
       }
       result->Initialize();
       this->Open->fill(snapshot, result);
     }
-  } catch (const Aborted&) {
+  } catch (const rimflow::TrackReadAborted&) {
     return 1; // the output stays empty
   } catch (const std::exception& problem) {
     vtkErrorMacro(<< problem.what());
@@ -360,6 +315,12 @@ void vtkSTBTrackReader::PrintSelf(ostream& os, vtkIndent indent) {
      << indent << "OutputMode: " << this->OutputMode << "\n"
      << indent << "TrailLength: " << this->TrailLength << "\n"
      << indent << "MinimumTrackLength: " << this->MinimumTrackLength << "\n"
+     << indent << "UseTimeRange: " << this->UseTimeRange << "\n"
+     << indent << "TimeRange: " << this->TimeRange[0] << " " << this->TimeRange[1] << "\n"
+     << indent << "TrackStatistics: " << this->TrackStatistics << "\n"
+     << indent << "EstimateVelocities: " << this->EstimateVelocities << "\n"
+     << indent << "PolynomialOrder: " << this->PolynomialOrder << "\n"
+     << indent << "PolynomialWindow: " << this->PolynomialWindow << "\n"
      << indent << "TrackIdRange: " << this->TrackIdRange[0] << " " << this->TrackIdRange[1] << "\n"
      << indent << "Stride: " << this->Stride << "\n"
      << indent << "CacheSize: " << this->CacheSize << "\n";

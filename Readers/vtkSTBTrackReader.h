@@ -11,13 +11,16 @@
  *
  * Output: vtkPolyData at the snapshot nearest to the time asked for, points in m (float).
  *  - Particles: one vertex per particle. Point arrays `Velocity` (m/s), `Acceleration` (m/s2), `TrackId`
- *    (vtkIdType), `Intensity`, as far as the file has them, and all further columns under their own names.
+ *    (vtkIdType), `Intensity`, as far as the file has them or they can be estimated, and all further columns
+ * under their own names.
  *  - Pathlines: one polyline per track over the last TrailLength snapshots up to that time, broken where the
  *    track is absent; ended tracks stay until the window has passed them. A piece of one point is a vertex.
  *    The same point arrays, `Time` (s) at each point, and `TrackId` for each cell as well.
  *
- * Field data: `SnapshotIndex` (vtkIdType: place in the series sorted by time, from 0) and `FileUnits` (three
- * strings: those of position, velocity and acceleration in the file; empty where there is none).
+ * Field data: `SnapshotIndex` (vtkIdType: place in the series sorted by time, from 0), `FileUnits` (three
+ * strings: those of position, velocity and acceleration in the file; empty where there is none), and the
+ * measured noise, standard deviations per component: `PositionNoise` (m), `VelocityNoise` (m/s) and
+ * `AccelerationNoise` (m/s2), as far as it can be told (TrackNoise.h).
  *
  * On an error the output is empty and the message says file, line, what was found, what was expected and what
  * to do. A warning is given once for each set of files.
@@ -92,8 +95,10 @@ public:
   ///@}
 
   ///@{
-  /// Pathlines: over how many snapshots they reach back, the current one included. Default 10, at least 1.
-  vtkSetClampMacro(TrailLength, int, 1, VTK_INT_MAX);
+  /// Pathlines: over how many snapshots they reach back, the current one included; 0: over the whole series
+  /// (or the time range) at any time. Default 10, 0 and more. All snapshots are gone through, but only the
+  /// lines are held in memory: choose tracks with Stride or MinimumTrackLength where they are too many.
+  vtkSetClampMacro(TrailLength, int, 0, VTK_INT_MAX);
   vtkGetMacro(TrailLength, int);
   ///@}
 
@@ -115,6 +120,43 @@ public:
   /// stays or goes as a whole. Particles without a track are counted off in the file's order. Default 1: all.
   vtkSetClampMacro(Stride, int, 1, VTK_INT_MAX);
   vtkGetMacro(Stride, int);
+  ///@}
+
+  ///@{
+  /// Only snapshots with times from TimeRange[0] to TimeRange[1] (s, both included); the others are not among
+  /// the time steps. It is an error if there are none. Default off.
+  vtkSetMacro(UseTimeRange, bool);
+  vtkGetMacro(UseTimeRange, bool);
+  vtkBooleanMacro(UseTimeRange, bool);
+  vtkSetVector2Macro(TimeRange, double);
+  vtkGetVector2Macro(TimeRange, double);
+  ///@}
+
+  ///@{
+  /// Adds point arrays about each particle's track: `TrackLength` (number of snapshots in which it is),
+  /// `TrackStart` and `TrackEnd` (s, of the first and last of them) and `TrackAge` (s since the start).
+  /// Particles without a track have length 1 and NaN. All files are gone through once. Default off.
+  vtkSetMacro(TrackStatistics, bool);
+  vtkGetMacro(TrackStatistics, bool);
+  vtkBooleanMacro(TrackStatistics, bool);
+  ///@}
+
+  enum VelocityEstimates { MISSING = 0, ALWAYS = 1, NEVER = 2 };
+  ///@{
+  /// Where velocities and accelerations come from. MISSING (default): from the file, and what it lacks from
+  /// the positions (accelerations: from the velocities, if there are some) along each track, by a local
+  /// polynomial in time (TrackDerivatives.h). ALWAYS: all from the positions. NEVER: only from the file.
+  vtkSetClampMacro(EstimateVelocities, int, MISSING, NEVER);
+  vtkGetMacro(EstimateVelocities, int);
+  ///@}
+
+  ///@{
+  /// Order of that polynomial, and to how many points of a track it is fitted: more points mean less noise
+  /// and less resolution in time. Defaults 3 and 7; the order is 2 to 5, the window odd and larger.
+  vtkSetClampMacro(PolynomialOrder, int, 2, 5);
+  vtkGetMacro(PolynomialOrder, int);
+  vtkSetClampMacro(PolynomialWindow, int, 3, 31);
+  vtkGetMacro(PolynomialWindow, int);
   ///@}
 
   ///@{
@@ -140,6 +182,12 @@ protected:
   int MinimumTrackLength = 1;
   vtkIdType TrackIdRange[2] = {-1, -1};
   int Stride = 1;
+  bool UseTimeRange = false;
+  double TimeRange[2] = {0, 1};
+  bool TrackStatistics = false;
+  int EstimateVelocities = MISSING;
+  int PolynomialOrder = 3;
+  int PolynomialWindow = 7;
   int CacheSize = 256;
 
 private:

@@ -10,4 +10,9 @@ using Progress = std::function<bool(double)>;
 /// Reports to an optional callback; true means go on.
 inline bool goOn(const Progress& progress, double fraction) { return !progress || progress(fraction); }
 
+/// Progress of one part of the work: its 0 to 1 are `from` to `to` of the whole, which must outlive it.
+inline Progress part(const Progress& progress, double from, double to) {
+  return [&progress, from, to](double fraction) { return goOn(progress, from + (to - from) * fraction); };
+}
+
 } // namespace rimflow

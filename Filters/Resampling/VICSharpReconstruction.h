@@ -9,11 +9,6 @@
 
 namespace rimflow {
 
-/// Progress of one part of the work.
-inline Progress part(const Progress& progress, double from, double to) {
-  return [&progress, from, to](double f) { return goOn(progress, from + (to - from) * f); };
-}
-
 /// Minimises the cost on one grid after the other. In float: half the memory and time of double, and far
 /// below the noise of any measurement.
 class VICSharpReconstruction {
