@@ -20,6 +20,7 @@ add_library(rimflow_kernels STATIC
   Readers/TecplotTracks.cxx
   Readers/TemporaryFile.cxx
   Readers/TrackColumns.cxx
+  Readers/TrackDerivatives.cxx
   Readers/TrackFormat.cxx
   Readers/TrackMessages.cxx
   Readers/TrackPathlines.cxx
