@@ -1,7 +1,6 @@
 #include "TrackPathlines.h"
 
 #include <algorithm>
-#include <stdexcept>
 
 namespace rimflow {
 namespace {
@@ -19,6 +18,7 @@ void PathlineBuilder::addIds(const std::vector<std::int64_t>& trackIds, double t
   const std::int32_t k = std::int32_t(parts.size());
   Part part;
   part.time = time;
+  part.particles = trackIds.size();
   const bool all = selection.keepsAll();
   for (std::size_t r = 0; r < trackIds.size(); ++r) {
     const std::int64_t id = trackIds[r];
@@ -57,13 +57,12 @@ void PathlineBuilder::layOut() {
   lines.time.resize(std::size_t(lines.offsets.back()));
 }
 
-void PathlineBuilder::addParticles(const TrackSnapshot& snapshot) {
+bool PathlineBuilder::addParticles(const TrackSnapshot& snapshot) {
   if (placed == 0) layOut();
   const Part& part = parts.at(placed);
   const std::int32_t k = std::int32_t(placed++);
-  if (part.rows.empty()) return;
-  if (part.rows.back() >= snapshot.size())
-    throw std::runtime_error("A snapshot has fewer particles than track ids. Reload the files.");
+  if (snapshot.size() != part.particles) return false;
+  if (part.rows.empty()) return true;
   std::vector<std::size_t> place(part.rows.size());
   for (std::size_t i = 0; i < place.size(); ++i) {
     const std::size_t r = std::size_t(part.run[i]);
@@ -99,6 +98,7 @@ void PathlineBuilder::addParticles(const TrackSnapshot& snapshot) {
       lines.dropped.push_back(c.name);
     }
   scatter(snapshot.position, to.position, 3, "Points");
+  return true;
 }
 
 Pathlines PathlineBuilder::finish() {

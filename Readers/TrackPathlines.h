@@ -31,9 +31,10 @@ public:
   explicit PathlineBuilder(const TrackSelection& selection) : selection(selection) {}
   /// First pass: the trackIds of all particles of the next snapshot.
   void addIds(const std::vector<std::int64_t>& trackIds, double time);
-  /// Second pass, one call for each one of the first. Throws std::runtime_error when the snapshot has fewer
-  /// particles than it had ids.
-  void addParticles(const TrackSnapshot& snapshot);
+  /// Second pass, one call for each one of the first. Returns false when the particles are not those whose
+  /// ids were given (particles that are not finite have an id, but are left out when they are read): then
+  /// begin again, with the ids of what will be given.
+  [[nodiscard]] bool addParticles(const TrackSnapshot& snapshot);
   /// The lines, once all snapshots have been given twice.
   Pathlines finish();
 
@@ -46,6 +47,7 @@ private:
     std::vector<std::uint32_t> rows; // of the particles that belong to a run
     std::vector<std::int32_t> run;   // of each of these rows
     double time;
+    std::size_t particles; // kept or not
   };
   void layOut();
   TrackSelection selection;

@@ -10,6 +10,7 @@
 namespace rimflow {
 namespace {
 
+constexpr std::size_t noiseReach = 6;
 constexpr double NaN = std::numeric_limits<double>::quiet_NaN();
 const char* const absent = " (Its tracks count as absent there.)";
 
@@ -217,6 +218,14 @@ void TrackSeries::addStatistics(TrackSnapshot& particles, const std::vector<doub
 
 Pathlines TrackSeries::pathlines(std::size_t from, std::size_t to, const TrackSelection& selection,
                                  const Progress& progress) {
+  if (auto lines = pathlines(from, to, selection, true, progress)) return std::move(*lines);
+  return std::move(*pathlines(from, to, selection, false, progress)); // some particles are left out
+}
+
+// Nothing when the particles are not those whose ids were read alone.
+std::optional<Pathlines> TrackSeries::pathlines(std::size_t from, std::size_t to,
+                                                const TrackSelection& selection, bool idsAlone,
+                                                const Progress& progress) {
   PathlineBuilder builder(selection);
   std::vector<Snapshot> held; // the first ones, as many as the cache may hold
   std::size_t bytes = 0;
@@ -224,19 +233,21 @@ Pathlines TrackSeries::pathlines(std::size_t from, std::size_t to, const TrackSe
   for (std::size_t s = from; s <= to; ++s) {
     const double begin = step * double(s - from);
     if (!goOn(progress, begin)) throw TrackReadAborted();
-    if (bytes <= settings.cacheBytes && held.size() == s - from) {
-      held.push_back(particlesIfSound(s, part(progress, begin, begin + step)));
-      bytes += held.back()->bytes();
-      builder.addIds(held.back()->trackId, times()[s]);
-    } else
+    const bool hold = bytes <= settings.cacheBytes && held.size() == s - from;
+    if (!hold && idsAlone) {
       builder.addIds(idsOf(s), times()[s]);
+      continue;
+    }
+    const Snapshot there = particlesIfSound(s, part(progress, begin, begin + step));
+    builder.addIds(there->trackId, times()[s]);
+    bytes += there->bytes();
+    if (hold) held.push_back(there);
   }
   for (std::size_t s = from; s <= to; ++s) {
     const double begin = 0.5 + step * double(s - from);
-    if (s - from < held.size())
-      builder.addParticles(*held[s - from]);
-    else
-      builder.addParticles(*particlesIfSound(s, part(progress, begin, begin + step)));
+    const Snapshot there =
+        s - from < held.size() ? held[s - from] : particlesIfSound(s, part(progress, begin, begin + step));
+    if (!builder.addParticles(*there)) return std::nullopt;
   }
   return builder.finish();
 }

@@ -24,20 +24,23 @@ TrackSnapshot snapshot(int k, const std::vector<std::int64_t>& ids, bool acceler
   s.further = {{"Extra", std::vector<double>(ids.size(), k)}};
   return s;
 }
-std::shared_ptr<const TrackSnapshot> shared(const TrackSnapshot& s) {
-  return std::make_shared<TrackSnapshot>(s);
-}
 std::vector<float> xOf(const Pathlines& p, std::size_t line) {
   std::vector<float> x;
   for (auto i = p.offsets[line]; i < p.offsets[line + 1]; ++i)
     x.push_back(p.points.position[std::size_t(3 * i)]);
   return x;
 }
-Pathlines build(const std::vector<std::vector<std::int64_t>>& ids, const TrackSelection& selection = {}) {
+Pathlines build(const std::vector<TrackSnapshot>& snapshots, const TrackSelection& selection = {}) {
   PathlineBuilder builder(selection);
-  for (std::size_t k = 0; k < ids.size(); ++k)
-    builder.add(shared(snapshot(int(k), ids[k])), 10 + 0.5 * double(k));
+  for (std::size_t k = 0; k < snapshots.size(); ++k)
+    builder.addIds(snapshots[k].trackId, 10 + 0.5 * double(k));
+  for (const TrackSnapshot& s : snapshots) EXPECT_TRUE(builder.addParticles(s));
   return builder.finish();
+}
+Pathlines build(const std::vector<std::vector<std::int64_t>>& ids, const TrackSelection& selection = {}) {
+  std::vector<TrackSnapshot> snapshots;
+  for (std::size_t k = 0; k < ids.size(); ++k) snapshots.push_back(snapshot(int(k), ids[k]));
+  return build(snapshots, selection);
 }
 } // namespace
 
@@ -69,21 +72,27 @@ TEST(TrackPathlines, ParticlesWithoutTrackAndDuplicates) {
   ASSERT_EQ(p.trackId, (std::vector<std::int64_t>{4}));
   EXPECT_EQ(p.duplicates, 1u);
   EXPECT_EQ(xOf(p, 0), (std::vector<float>{400, 401}));
-  EXPECT_TRUE(build({}).trackId.empty());
-  TrackSnapshot noIds = snapshot(0, {1});
-  noIds.trackId.clear();
-  EXPECT_THROW(PathlineBuilder({}).add(shared(noIds), 0), std::runtime_error);
+  EXPECT_TRUE(build(std::vector<TrackSnapshot>()).trackId.empty());
+  EXPECT_EQ(build(std::vector<TrackSnapshot>()).offsets, std::vector<std::int64_t>{0});
+  PathlineBuilder shrunk({});
+  shrunk.addIds({1, 2}, 0);
+  EXPECT_FALSE(shrunk.addParticles(snapshot(0, {1})));
 }
 
 TEST(TrackPathlines, AnArrayThatOnlySomeSnapshotsHaveIsNamed) {
-  PathlineBuilder builder({});
-  builder.add(shared(snapshot(0, {1}, true)), 0);
-  builder.add(shared(snapshot(1, {1}, false)), 1);
-  builder.add(shared(snapshot(2, {}, false)), 2);
-  const Pathlines p = builder.finish();
-  EXPECT_TRUE(p.points.acceleration.empty());
-  EXPECT_EQ(p.dropped, std::vector<std::string>{"Acceleration"});
-  EXPECT_EQ(p.points.velocity.size(), 6u);
+  for (const bool first : {true, false}) {
+    TrackSnapshot bare = snapshot(1, {1}, !first);
+    bare.further.clear();
+    const Pathlines p = build({snapshot(0, {1}, first), bare, snapshot(2, {}, false)});
+    EXPECT_TRUE(p.points.acceleration.empty());
+    EXPECT_EQ(p.dropped, (std::vector<std::string>{"Acceleration", "Extra"}));
+    EXPECT_EQ(p.points.velocity.size(), 6u);
+    EXPECT_TRUE(p.points.further.empty());
+  }
+  const TrackSnapshot late = snapshot(1, {1});
+  TrackSnapshot bare = snapshot(0, {1});
+  bare.further.clear();
+  EXPECT_EQ(build({bare, late}).dropped, std::vector<std::string>{"Extra"});
 }
 
 // Against a plain map from id to snapshots, with random drop-out.
@@ -118,17 +127,23 @@ TEST(TrackPathlines, AgreesWithAPlainSearchOnRandomTracks) {
 }
 
 TEST(TrackSelection, KeepsOrLeavesWholeTracks) {
-  TrackLengths lengths;
-  lengths.add({1, 2, 3, 4, 10});
-  lengths.add({4, 2, 2, 10, -1});
-  lengths.add({10, 4});
-  EXPECT_EQ(lengths.of(1), 1);
-  EXPECT_EQ(lengths.of(2), 2); // twice in one snapshot counts once
-  EXPECT_EQ(lengths.of(10), 3);
-  EXPECT_EQ(lengths.of(11), 0);
-  EXPECT_EQ(lengths.of(-1), 0);
+  TrackStatistics tracks;
+  tracks.add(0, {1, 2, 3, 4, 10});
+  tracks.add(1, {4, 2, 2, 10, -1});
+  tracks.add(2, {10, 4});
+  tracks.add(4, {1});
+  EXPECT_EQ(tracks.of(1).length, 2);
+  EXPECT_EQ(tracks.of(1).first, 0);
+  EXPECT_EQ(tracks.of(1).last, 4);
+  EXPECT_EQ(tracks.of(2).length, 2); // twice in one snapshot counts once
+  EXPECT_EQ(tracks.of(2).last, 1);
+  EXPECT_EQ(tracks.of(10).length, 3);
+  for (const std::int64_t nowhere : {11, -1}) {
+    EXPECT_EQ(tracks.of(nowhere).length, 0);
+    EXPECT_EQ(tracks.of(nowhere).first, -1);
+  }
   const auto kept = [&](TrackSelection s) {
-    s.lengths = &lengths;
+    s.tracks = &tracks;
     std::vector<std::int64_t> ids;
     const TrackSnapshot all = snapshot(0, {1, 2, 3, 4, 10, -1});
     const TrackSnapshot chosen = takeRows(all, selectedRows(all, s));
@@ -141,19 +156,19 @@ TEST(TrackSelection, KeepsOrLeavesWholeTracks) {
   EXPECT_EQ(kept({2, -1, -1, 1, nullptr}), (Ids{2, 4, 10})); // -1 is in row 5
   EXPECT_EQ(kept({1, 2, 4, 1, nullptr}), (Ids{2, 3, 4}));
   EXPECT_EQ(kept({1, 3, -1, 1, nullptr}), (Ids{3, 4, 10}));
-  EXPECT_EQ(kept({1, -1, -1, 2, nullptr}), (Ids{2, 4, 10}));
+  EXPECT_EQ(kept({1, -1, -1, 2, nullptr}), (Ids{1, 2, 4, 10}));
   EXPECT_EQ(kept({1, -1, -1, 3, nullptr}), (Ids{4, 10}));
   EXPECT_TRUE(TrackSelection{}.keepsAll());
 }
 
 TEST(TrackSelection, ScatteredIdsCannotTakeAllMemory) {
-  TrackLengths lengths;
+  TrackStatistics tracks;
   std::mt19937_64 random(1);
   const auto addMany = [&] {
     for (int k = 0; k < 2000; ++k) {
       std::vector<std::int64_t> ids(1000);
       for (auto& id : ids) id = std::int64_t(random() >> 1);
-      lengths.add(ids);
+      tracks.add(k, ids);
     }
   };
   EXPECT_THROW(addMany(), std::runtime_error);
