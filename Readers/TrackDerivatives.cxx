@@ -154,11 +154,23 @@ std::vector<std::vector<std::int32_t>> rowsOfTracks(const TrackWindow& window, s
   for (std::ptrdiff_t s = std::ptrdiff_t(first); s <= std::ptrdiff_t(last); ++s) {
     const TrackSnapshot& there = *window.snapshots[s];
     if (std::size_t(s) == window.current || !hasTracks(there)) continue;
+    const std::vector<std::int32_t>& known = rows[window.current - first];
     std::vector<std::int32_t>& continued = rows[s - first];
+    std::size_t k = 0;
     for (std::size_t r = 0; r < there.size(); ++r) {
-      if (there.trackId[r] < 0) continue;
-      const std::int32_t k = table.find(there.trackId[r]);
-      if (k != IdTable::none && continued[k] < 0 && isPlaced(there, r)) continued[k] = std::int32_t(r);
+      const std::int64_t id = there.trackId[r];
+      if (id < 0) continue;
+      // Files keep their order as a rule: then the track is one of the next rows, and need not be looked up.
+      std::size_t next = k;
+      while (next < std::min(n, k + 4) && (here.trackId[next] != id || known[next] < 0)) ++next;
+      if (next == std::min(n, k + 4)) {
+        const std::int32_t found = table.find(id);
+        if (found == IdTable::none) continue;
+        next = std::size_t(found);
+      }
+      k = next;
+      if (continued[k] < 0 && isPlaced(there, r)) continued[k] = std::int32_t(r);
+      ++k;
     }
   }
   return rows;
@@ -179,17 +191,18 @@ DerivativeGain estimateDerivatives(const TrackWindow& window, const TrackDerivat
   const std::size_t current = window.current - first;
 
   // One fit for each pattern of presence: a bit for each snapshot.
+  std::vector<std::uint64_t> presence(n, 0);
+  for (std::size_t s = 0; s < rows.size(); ++s)
+    for (std::size_t r = 0; r < n; ++r) presence[r] |= std::uint64_t(rows[s][r] >= 0) << s;
   IdTable known;
   std::vector<std::uint64_t> patterns;
   std::vector<std::int32_t> pattern(n, -1);
   for (std::size_t r = 0; r < n; ++r) {
     if (rows[current][r] < 0) continue;
-    std::uint64_t bits = 0;
-    for (std::size_t s = 0; s < rows.size(); ++s) bits |= std::uint64_t(rows[s][r] >= 0) << s;
-    std::int32_t& place = known[std::int64_t(bits)];
+    std::int32_t& place = known[std::int64_t(presence[r])];
     if (place == IdTable::none) {
       place = std::int32_t(patterns.size());
-      patterns.push_back(bits);
+      patterns.push_back(presence[r]);
     }
     pattern[r] = place;
   }

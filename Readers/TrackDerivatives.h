@@ -9,8 +9,8 @@
 namespace rimflow {
 
 struct TrackDerivativeOptions {
-  int order = 3;  ///< of the polynomial in time, 2 to 5
-  int window = 7; ///< points that it is fitted to, odd, > order, at most 31
+  int order = 2;  ///< of the polynomial in time, 2 to 5
+  int window = 9; ///< points that it is fitted to, odd, > order, at most 31
 };
 
 /// Snapshots in the order of time around one of them.

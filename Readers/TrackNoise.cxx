@@ -1,0 +1,9 @@
+#include "TrackNoise.h"
+
+namespace rimflow {
+
+TrackNoise measureTrackNoise(const TrackWindow&) { return {}; }
+
+TrackNoise measureTrackNoise(const TrackWindow&, const TrackDerivativeOptions&) { return {}; }
+
+} // namespace rimflow
