@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <stdexcept>
 
 namespace rimflow {
@@ -37,15 +38,6 @@ bool isPlaced(const TrackSnapshot& s, std::size_t row) {
   const float* x = &s.position[3 * row];
   return std::isfinite(x[0]) && std::isfinite(x[1]) && std::isfinite(x[2]);
 }
-
-/// The derivatives of the fit as weighted sums of positions.
-struct Stencil {
-  std::vector<std::int32_t> snapshot; // places in the window
-  std::vector<double> velocity;       // 1/s; empty: cannot be told
-  std::vector<double> acceleration;   // 1/s2; empty: cannot be told
-
-  DerivativeGain gain{none, none};
-};
 
 /// The `count` of the snapshots in `present` that are nearest in time to `current`, in the order of time. Of
 /// two at the same distance the one on the side with fewer points is taken.
@@ -93,9 +85,9 @@ Eigen::VectorXd fitWeights(const Eigen::VectorXd& t, double T, int order, int j)
 }
 
 /// Velocity c_1 / T and acceleration 2 c_2 / T^2 at the current time.
-Stencil fit(const std::vector<double>& times, std::size_t current, const std::vector<std::int32_t>& present,
-            const TrackDerivativeOptions& options) {
-  Stencil s;
+DerivativeStencil fit(const std::vector<double>& times, std::size_t current,
+                      const std::vector<std::int32_t>& present, const TrackDerivativeOptions& options) {
+  DerivativeStencil s;
   s.snapshot = nearest(times, current, present, options.window);
   const int n = int(s.snapshot.size());
   Eigen::VectorXd t(n);
@@ -124,13 +116,13 @@ double median(std::vector<double>& v) {
 
 } // namespace
 
-DerivativeGain derivativeGain(const std::vector<double>& times, std::size_t current,
-                              const TrackDerivativeOptions& options) {
+DerivativeStencil derivativeStencil(const std::vector<double>& times, std::size_t current,
+                                    const TrackDerivativeOptions& options) {
   check(options);
   if (current >= times.size()) throw std::invalid_argument("The current time is not among the times");
   std::vector<std::int32_t> all(times.size());
-  for (std::size_t i = 0; i < all.size(); ++i) all[i] = std::int32_t(i);
-  return fit(times, current, all, options).gain;
+  std::iota(all.begin(), all.end(), 0);
+  return fit(times, current, all, options);
 }
 
 std::vector<std::vector<std::int32_t>> rowsOfTracks(const TrackWindow& window, std::size_t first,
@@ -206,7 +198,7 @@ DerivativeGain estimateDerivatives(const TrackWindow& window, const TrackDerivat
     }
     pattern[r] = place;
   }
-  std::vector<Stencil> stencils(patterns.size());
+  std::vector<DerivativeStencil> stencils(patterns.size());
 #pragma omp parallel for schedule(dynamic, 16)
   for (std::ptrdiff_t p = 0; p < std::ptrdiff_t(patterns.size()); ++p) {
     std::vector<std::int32_t> present;
@@ -221,7 +213,7 @@ DerivativeGain estimateDerivatives(const TrackWindow& window, const TrackDerivat
 #pragma omp parallel for
   for (std::ptrdiff_t r = 0; r < std::ptrdiff_t(n); ++r) {
     if (pattern[r] < 0) continue;
-    const Stencil& s = stencils[pattern[r]];
+    const DerivativeStencil& s = stencils[pattern[r]];
     if (s.velocity.empty()) continue;
     double v[3] = {0, 0, 0}, a[3] = {0, 0, 0};
     for (std::size_t i = 0; i < s.snapshot.size(); ++i) {
