@@ -23,6 +23,7 @@ add_library(rimflow_kernels STATIC
   Readers/TrackDerivatives.cxx
   Readers/TrackFormat.cxx
   Readers/TrackMessages.cxx
+  Readers/TrackNoise.cxx
   Readers/TrackPathlines.cxx
   Readers/TrackRows.cxx
   Readers/TrackSelection.cxx

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <stdexcept>
 
 namespace rimflow {
@@ -37,15 +38,6 @@ bool isPlaced(const TrackSnapshot& s, std::size_t row) {
   const float* x = &s.position[3 * row];
   return std::isfinite(x[0]) && std::isfinite(x[1]) && std::isfinite(x[2]);
 }
-
-/// The derivatives of the fit as weighted sums of positions.
-struct Stencil {
-  std::vector<std::int32_t> snapshot; // places in the window
-  std::vector<double> velocity;       // 1/s; empty: cannot be told
-  std::vector<double> acceleration;   // 1/s2; empty: cannot be told
-
-  DerivativeGain gain{none, none};
-};
 
 /// The `count` of the snapshots in `present` that are nearest in time to `current`, in the order of time. Of
 /// two at the same distance the one on the side with fewer points is taken.
@@ -93,9 +85,9 @@ Eigen::VectorXd fitWeights(const Eigen::VectorXd& t, double T, int order, int j)
 }
 
 /// Velocity c_1 / T and acceleration 2 c_2 / T^2 at the current time.
-Stencil fit(const std::vector<double>& times, std::size_t current, const std::vector<std::int32_t>& present,
-            const TrackDerivativeOptions& options) {
-  Stencil s;
+DerivativeStencil fit(const std::vector<double>& times, std::size_t current,
+                      const std::vector<std::int32_t>& present, const TrackDerivativeOptions& options) {
+  DerivativeStencil s;
   s.snapshot = nearest(times, current, present, options.window);
   const int n = int(s.snapshot.size());
   Eigen::VectorXd t(n);
@@ -124,13 +116,13 @@ double median(std::vector<double>& v) {
 
 } // namespace
 
-DerivativeGain derivativeGain(const std::vector<double>& times, std::size_t current,
-                              const TrackDerivativeOptions& options) {
+DerivativeStencil derivativeStencil(const std::vector<double>& times, std::size_t current,
+                                    const TrackDerivativeOptions& options) {
   check(options);
   if (current >= times.size()) throw std::invalid_argument("The current time is not among the times");
   std::vector<std::int32_t> all(times.size());
-  for (std::size_t i = 0; i < all.size(); ++i) all[i] = std::int32_t(i);
-  return fit(times, current, all, options).gain;
+  std::iota(all.begin(), all.end(), 0);
+  return fit(times, current, all, options);
 }
 
 std::vector<std::vector<std::int32_t>> rowsOfTracks(const TrackWindow& window, std::size_t first,
@@ -154,11 +146,23 @@ std::vector<std::vector<std::int32_t>> rowsOfTracks(const TrackWindow& window, s
   for (std::ptrdiff_t s = std::ptrdiff_t(first); s <= std::ptrdiff_t(last); ++s) {
     const TrackSnapshot& there = *window.snapshots[s];
     if (std::size_t(s) == window.current || !hasTracks(there)) continue;
+    const std::vector<std::int32_t>& known = rows[window.current - first];
     std::vector<std::int32_t>& continued = rows[s - first];
+    std::size_t k = 0;
     for (std::size_t r = 0; r < there.size(); ++r) {
-      if (there.trackId[r] < 0) continue;
-      const std::int32_t k = table.find(there.trackId[r]);
-      if (k != IdTable::none && continued[k] < 0 && isPlaced(there, r)) continued[k] = std::int32_t(r);
+      const std::int64_t id = there.trackId[r];
+      if (id < 0) continue;
+      // Files keep their order as a rule: then the track is one of the next rows, and need not be looked up.
+      std::size_t next = k;
+      while (next < std::min(n, k + 4) && (here.trackId[next] != id || known[next] < 0)) ++next;
+      if (next == std::min(n, k + 4)) {
+        const std::int32_t found = table.find(id);
+        if (found == IdTable::none) continue;
+        next = std::size_t(found);
+      }
+      k = next;
+      if (continued[k] < 0 && isPlaced(there, r)) continued[k] = std::int32_t(r);
+      ++k;
     }
   }
   return rows;
@@ -179,21 +183,22 @@ DerivativeGain estimateDerivatives(const TrackWindow& window, const TrackDerivat
   const std::size_t current = window.current - first;
 
   // One fit for each pattern of presence: a bit for each snapshot.
+  std::vector<std::uint64_t> presence(n, 0);
+  for (std::size_t s = 0; s < rows.size(); ++s)
+    for (std::size_t r = 0; r < n; ++r) presence[r] |= std::uint64_t(rows[s][r] >= 0) << s;
   IdTable known;
   std::vector<std::uint64_t> patterns;
   std::vector<std::int32_t> pattern(n, -1);
   for (std::size_t r = 0; r < n; ++r) {
     if (rows[current][r] < 0) continue;
-    std::uint64_t bits = 0;
-    for (std::size_t s = 0; s < rows.size(); ++s) bits |= std::uint64_t(rows[s][r] >= 0) << s;
-    std::int32_t& place = known[std::int64_t(bits)];
+    std::int32_t& place = known[std::int64_t(presence[r])];
     if (place == IdTable::none) {
       place = std::int32_t(patterns.size());
-      patterns.push_back(bits);
+      patterns.push_back(presence[r]);
     }
     pattern[r] = place;
   }
-  std::vector<Stencil> stencils(patterns.size());
+  std::vector<DerivativeStencil> stencils(patterns.size());
 #pragma omp parallel for schedule(dynamic, 16)
   for (std::ptrdiff_t p = 0; p < std::ptrdiff_t(patterns.size()); ++p) {
     std::vector<std::int32_t> present;
@@ -208,7 +213,7 @@ DerivativeGain estimateDerivatives(const TrackWindow& window, const TrackDerivat
 #pragma omp parallel for
   for (std::ptrdiff_t r = 0; r < std::ptrdiff_t(n); ++r) {
     if (pattern[r] < 0) continue;
-    const Stencil& s = stencils[pattern[r]];
+    const DerivativeStencil& s = stencils[pattern[r]];
     if (s.velocity.empty()) continue;
     double v[3] = {0, 0, 0}, a[3] = {0, 0, 0};
     for (std::size_t i = 0; i < s.snapshot.size(); ++i) {

@@ -3,14 +3,15 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <vector>
 
 namespace rimflow {
 
 struct TrackDerivativeOptions {
-  int order = 3;  ///< of the polynomial in time, 2 to 5
-  int window = 7; ///< points that it is fitted to, odd, > order, at most 31
+  int order = 2;  ///< of the polynomial in time, 2 to 5
+  int window = 9; ///< points that it is fitted to, odd, > order, at most 31
 };
 
 /// Snapshots in the order of time around one of them.
@@ -33,9 +34,17 @@ struct DerivativeGain {
   double acceleration = 0; ///< 1/s2
 };
 
-/// The gain at `current` for a track that was seen at all of these times (s).
-DerivativeGain derivativeGain(const std::vector<double>& times, std::size_t current,
-                              const TrackDerivativeOptions& options);
+/// The derivatives as weighted sums of positions: velocity = sum_i velocity[i] x(snapshot[i]).
+struct DerivativeStencil {
+  std::vector<std::int32_t> snapshot; ///< places among the times, in the order of time
+  std::vector<double> velocity;       ///< 1/s; empty: there is none
+  std::vector<double> acceleration;   ///< 1/s2; empty: there is none
+  DerivativeGain gain{std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::quiet_NaN()};
+};
+
+/// What estimateDerivatives does with a track that was seen at all of these times (s), at times[current].
+DerivativeStencil derivativeStencil(const std::vector<double>& times, std::size_t current,
+                                    const TrackDerivativeOptions& options);
 
 /// Fills velocity (m/s) and acceleration (m/s2) of `particles`, a copy of the current snapshot with the same
 /// rows: the first and second derivative, at the current time, of a polynomial that fits the track's
