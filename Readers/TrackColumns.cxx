@@ -87,7 +87,7 @@ struct Named {
 bool isUnit(const std::string& s) { return unitInSI(s, 0) || unitInSI(s, 1) || unitInSI(s, 2); }
 
 Named separateUnit(const std::string& raw) {
-  Named result{toUtf8(raw), trimmed(toUtf8(raw)), ""};
+  Named result{plainText(raw), trimmed(plainText(raw)), ""};
   if (result.name.empty()) return result;
   const char close = result.name.back(), open = close == ']' ? '[' : close == ')' ? '(' : '\0';
   const std::size_t begin = open ? result.name.rfind(open) : std::string::npos;
@@ -135,8 +135,10 @@ const char* const componentNames[4][3] = {{}, {"x", "y", "z"}, {"Vx", "Vy", "Vz"
 
 std::string list(const std::vector<std::string>& names) {
   std::string all;
-  for (const std::string& n : names) all += (all.empty() ? "" : " ") + ("\"" + toUtf8(n) + "\"");
-  return all;
+  constexpr std::size_t most = 30;
+  for (std::size_t n = 0; n < std::min(names.size(), most); ++n)
+    all += (all.empty() ? "\"" : " \"") + plainText(names[n], 60) + "\"";
+  return names.size() > most ? all + " ..." : all;
 }
 
 } // namespace
@@ -155,6 +157,17 @@ std::string toUtf8(std::string_view text) {
       return result;
     }
   return std::string(text);
+}
+
+std::string plainText(std::string_view text, std::size_t most) {
+  if (text.size() > most) { // not in the middle of a character
+    for (int back = 0; back < 3 && most > 0 && (text[most] & 0xC0) == 0x80; ++back) --most;
+    text = text.substr(0, most);
+  }
+  std::string result = toUtf8(text);
+  for (char& c : result)
+    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = '?';
+  return result;
 }
 
 std::optional<double> unitInSI(std::string_view unit, int power) {

@@ -41,5 +41,8 @@ std::optional<double> unitInSI(std::string_view unit, int power);
 
 /// The text if it is valid UTF-8, else read as Latin-1.
 std::string toUtf8(std::string_view text);
+/// The same with control characters replaced, and cut after `most` bytes of `text`: what names of arrays and
+/// messages are made of.
+std::string plainText(std::string_view text, std::size_t most = std::string_view::npos);
 
 } // namespace rimflow

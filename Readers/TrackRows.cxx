@@ -362,7 +362,7 @@ TrackRowsResult readTrackRows(std::string_view text, const TrackColumnPlan& plan
     rows += count;
   }
   Arrays arrays{snapshot, plan, idsOnly};
-  arrays.resize(store ? rows : 1);
+  arrays.resize(store ? std::max<std::size_t>(rows, 1) : 1); // fields point into the arrays
   const std::vector<Field> fields = arrays.fields();
   std::atomic<bool> stopped{false}, faulty{false};
   std::atomic<int> done{0};
