@@ -4,8 +4,8 @@ find_package(OpenMP REQUIRED COMPONENTS CXX)
 find_package(ZLIB REQUIRED)
 find_path(FASTFLOAT_INCLUDE_DIR fast_float/fast_float.h REQUIRED) # Debian: libfast-float-dev
 
-add_library(rimflow_kernels STATIC
-  Readers/AnalyticFlows.cxx
+# What reads files that others wrote: also fuzzed, by itself (Testing/Fuzzing).
+set(rimflow_parsers
   Readers/FileSnapshots.cxx
   Readers/FrameTracks.cxx
   Readers/LPTChallengeTracks.cxx
@@ -29,10 +29,14 @@ add_library(rimflow_kernels STATIC
   Readers/TrackSelection.cxx
   Readers/TrackSeries.cxx
   Readers/TrackStatistics.cxx
-  Readers/TrackSynthesis.cxx
   Readers/TrackTableLayout.cxx
   Readers/TrackTexts.cxx
   Readers/TrackTimeline.cxx
+)
+add_library(rimflow_kernels STATIC
+  ${rimflow_parsers}
+  Readers/AnalyticFlows.cxx
+  Readers/TrackSynthesis.cxx
   Filters/Common/BoxPoisson.cxx
   Filters/Common/Interpolation.cxx
   Filters/Common/ParticleIndex.cxx

@@ -222,13 +222,6 @@ bool FrameTracks::readFile(std::size_t file, const Progress& progress) {
     if (r.notFinite > 0 && notFinite == 0) firstNotFinite = p + r.firstNotFinite;
     notFinite += r.notFinite;
     rows += r.rows;
-    for (const double number : particles.size() ? particles.further.back().values : std::vector<double>())
-      if (!std::isfinite(number))
-        throw std::runtime_error(
-            path + ": column " + printable(plan.columns[std::size_t(layout.frame)].label) +
-            " has a value that is NaN or infinite, between line " + std::to_string(texts.lineOf(file, p)) +
-            " and line " + std::to_string(texts.lineOf(file, end)) +
-            "; expected the frame or the time of each row. Repair these rows or export the file again.");
     putAway(file, std::move(particles));
     source->release(p, end);
     p = end;

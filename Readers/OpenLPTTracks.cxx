@@ -43,14 +43,13 @@ TrackTableFormat openLPTFormat() {
     const HeadLine line = linesOfHead(head, 1)[0];
     TrackTableLayout l;
     l.columns = columns;
-    for (const std::string_view name :
-         valuesOf(line.text).size() > 5 ? valuesOf(line.text) : std::vector<std::string_view>())
-      if (l.ignored.size() < 5)
-        l.ignored.push_back(false);
-      else {
-        l.columns.emplace_back(name);
-        l.ignored.push_back(true);
-      }
+    l.ignored.resize(columns.size(), false);
+    const std::vector<std::string> names = namesOf(line.text);
+    for (std::size_t c = columns.size(); c < names.size(); ++c) {
+      const bool residual = names[c] == "r3d"; // of the triangulation
+      l.columns.push_back(residual ? "R3D" : "column " + std::to_string(c + 1));
+      l.ignored.push_back(!residual);
+    }
     l.frame = 1;
     l.rows = std::min(head.size(), line.begin + line.text.size());
     l.expected = "as many as there are names in line 1";

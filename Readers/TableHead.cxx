@@ -3,7 +3,9 @@
 #include "TrackTableLayout.h"
 
 #include <algorithm>
+#include <cctype>
 #include <fast_float/fast_float.h>
+#include <string>
 
 namespace rimflow {
 
@@ -32,6 +34,35 @@ std::vector<std::string_view> valuesOf(std::string_view line) {
     p = line.find_first_not_of(separators, end);
   }
   return values;
+}
+
+std::vector<std::string_view> valuesBetween(std::string_view line, char delimiter) {
+  std::vector<std::string_view> values;
+  bool quoted = false;
+  std::size_t begin = 0;
+  const auto add = [&](std::size_t end) {
+    std::string_view value = line.substr(begin, end - begin);
+    const auto padding = [](char c) { return c == ' ' || c == '\t' || c == '\r' || c == '"'; };
+    while (!value.empty() && padding(value.front())) value.remove_prefix(1);
+    while (!value.empty() && padding(value.back())) value.remove_suffix(1);
+    values.push_back(value);
+    begin = end + 1;
+  };
+  for (std::size_t p = 0; p < line.size(); ++p) {
+    if (line[p] == '"') quoted = !quoted;
+    if (line[p] == delimiter && !quoted) add(p);
+  }
+  add(line.size());
+  return values;
+}
+
+bool isMissing(std::string_view value) {
+  if (value.size() > 4) return false;
+  std::string word(value);
+  for (char& c : word) c = char(std::tolower(static_cast<unsigned char>(c)));
+  for (const char* w : {"", "nan", "na", "n/a", "none", "null", "-", "?"})
+    if (word == w) return true;
+  return false;
 }
 
 bool isNumber(std::string_view value) {

@@ -18,6 +18,11 @@ std::vector<HeadLine> linesOfHead(std::string_view head, std::size_t most);
 
 /// The values of a row, separated by blanks, tabs, commas or semicolons.
 std::vector<std::string_view> valuesOf(std::string_view line);
+/// The values between exactly one delimiter each, without quotes and blanks around them; some may be empty,
+/// also the last one, after a delimiter that ends the line.
+std::vector<std::string_view> valuesBetween(std::string_view line, char delimiter);
+/// Nothing at all, or a word for it: NaN, NA, N/A, None, null, -, ? in any case.
+bool isMissing(std::string_view value);
 /// A number in any notation that a row may have.
 bool isNumber(std::string_view value);
 /// Digits only, with a sign or without.

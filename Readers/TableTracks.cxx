@@ -46,6 +46,7 @@ bool namesPositions(const std::vector<std::string>& names) {
 struct Clock {
   int column = -1;
   double secondsPerUnit = 0;
+  std::string problem; // the unit is not known
 };
 
 // The column of times, else that of frame numbers.
@@ -63,25 +64,56 @@ Clock findClock(const std::vector<std::string>& names) {
     const auto is = [&](std::initializer_list<const char*> any) {
       return std::any_of(any.begin(), any.end(), [&](const char* n) { return name == n; });
     };
-    if (is({"t", "time", "times", "solutiontime"}) && clock.secondsPerUnit == 0)
-      clock = {int(c), unit == "ms" ? 1e-3 : unit == "us" ? 1e-6 : 1};
-    if (is({"frame", "frameid", "frameno", "framenumber", "frameindex", "step", "timestep", "snapshot"}) &&
-        clock.column < 0)
-      clock.column = int(c);
+    const bool time = is({"t", "time", "times", "solutiontime"});
+    const bool frames = unit == "frame" || unit == "frames" || unit == "step" || unit == "steps";
+    const double seconds = unit.empty() || unit == "s" || unit == "sec" || unit == "seconds" ? 1
+                           : unit == "ms"                                                    ? 1e-3
+                           : unit == "us"                                                    ? 1e-6
+                           : unit == "ns"                                                    ? 1e-9
+                                                                                             : 0;
+    if (time && seconds > 0 && clock.secondsPerUnit == 0)
+      clock = {int(c), seconds, {}};
+    else if (((time && frames) || is({"frame", "frameid", "frameno", "framenumber", "frameindex", "step",
+                                      "timestep", "snapshot"})) &&
+             clock.column < 0)
+      clock = {int(c), 0, {}};
+    else if (time && !frames && seconds == 0 && clock.column < 0)
+      clock.problem = "line 1: the unit of column " + printable(names[c]) +
+                      " is not known; expected [s], [ms], [us], [ns] or [frame]. Correct it in the header.";
   }
   return clock;
 }
 
-// Columns without a known meaning that hold no numbers (labels, file names), as the first row tells.
-std::vector<bool> textColumns(std::string_view rows, const std::vector<std::string>& names, int clock) {
+// The values of a row, of which some may be missing if there is a delimiter; none if it is no whole row.
+std::vector<std::string_view> rowValues(std::string_view line, char delimiter, std::size_t columns) {
+  std::vector<std::string_view> values = delimiter ? valuesBetween(line, delimiter) : valuesOf(line);
+  if (delimiter && values.size() == columns + 1 && values.back().empty()) values.pop_back();
+  if (values.size() != columns) values.clear();
+  return values;
+}
+
+// A comma or semicolon that makes as many values as there are names, as the first rows tell; else 0.
+char delimiterOf(const std::vector<HeadLine>& rows, std::size_t columns) {
+  for (const char d : {';', ','})
+    for (const HeadLine& row : rows)
+      if (!rowValues(row.text, d, columns).empty()) return d;
+  return 0;
+}
+
+// Columns without a known meaning that hold no numbers (labels, file names) in most of the first rows.
+std::vector<bool> textColumns(const std::vector<HeadLine>& rows, char delimiter,
+                              const std::vector<std::string>& names, int clock) {
+  std::vector<int> numbers(names.size(), 0), texts(names.size(), 0);
+  for (const HeadLine& row : rows) {
+    const auto values = rowValues(row.text, delimiter, names.size());
+    for (std::size_t c = 0; c < values.size(); ++c)
+      if (!isMissing(values[c])) ++(isNumber(values[c]) ? numbers : texts)[c];
+  }
   std::vector<bool> text(names.size(), false);
-  const auto lines = linesOfHead(rows, 1);
-  const auto values = lines.empty() ? std::vector<std::string_view>() : valuesOf(lines[0].text);
-  if (values.size() != names.size()) return text;
   const TrackColumnPlan plan = planTrackColumns(names, LengthUnit::Millimetre);
   for (std::size_t c = 0; c < names.size(); ++c)
-    text[c] =
-        plan.columns[c].target == TrackColumnPlan::Target::Further && int(c) != clock && !isNumber(values[c]);
+    text[c] = plan.columns[c].target == TrackColumnPlan::Target::Further && int(c) != clock &&
+              texts[c] > numbers[c];
   return text;
 }
 
@@ -124,10 +156,13 @@ TrackTableFormat tableFormat() {
     TrackTableLayout l;
     l.columns = header->names;
     const Clock clock = findClock(l.columns);
+    if (clock.column < 0 && !clock.problem.empty()) throw std::runtime_error(clock.problem);
     l.frame = clock.column;
     l.secondsPerUnit = clock.secondsPerUnit;
     l.rows = header->rows;
-    l.ignored = textColumns(head.substr(header->rows), l.columns, clock.column);
+    const std::vector<HeadLine> rows = linesOfHead(head.substr(header->rows), linesLookedAt);
+    l.delimiter = delimiterOf(rows, l.columns.size());
+    l.ignored = textColumns(rows, l.delimiter, l.columns, clock.column);
     l.expected = "as many as there are names in line " + std::to_string(header->line);
     return l;
   };

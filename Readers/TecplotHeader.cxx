@@ -1,5 +1,7 @@
 #include "TecplotHeader.h"
 
+#include "TrackMessages.h"
+
 #include <algorithm>
 #include <cctype>
 #include <charconv>
@@ -255,8 +257,8 @@ TecplotHeader parseTecplotHeader(std::string_view original) {
       std::string& problem = zone ? zone->problem : header.problem;
       if (problem.empty()) {
         (zone ? zone->problemOffset : header.problemOffset) = begin;
-        problem = "found \"" + std::string(word.substr(0, 40)) +
-                  "\" where a header entry (NAME=value) or a row of numbers was expected";
+        problem = "found " + printable(word) +
+                  " where a header entry (NAME=value) or a row of numbers was expected";
       }
       scan.skipLine();
     }

@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
+#include <map>
 #include <set>
+#include <utility>
 
 namespace rimflow {
 namespace {
@@ -87,7 +89,7 @@ struct Named {
 bool isUnit(const std::string& s) { return unitInSI(s, 0) || unitInSI(s, 1) || unitInSI(s, 2); }
 
 Named separateUnit(const std::string& raw) {
-  Named result{toUtf8(raw), trimmed(toUtf8(raw)), ""};
+  Named result{plainText(raw), trimmed(plainText(raw)), ""};
   if (result.name.empty()) return result;
   const char close = result.name.back(), open = close == ']' ? '[' : close == ')' ? '(' : '\0';
   const std::size_t begin = open ? result.name.rfind(open) : std::string::npos;
@@ -99,10 +101,18 @@ Named separateUnit(const std::string& raw) {
   return result;
 }
 
+// Of columns with the same meaning, the one with the lowest rank has it (the first of several): `id` may be
+// the number of the row where there is a `trackID`, and `ux` a displacement where there is a `vx`.
 struct Role {
   TrackColumnPlan::Target target;
   int index;
+  int rank;
 };
+
+// Components of vectors as ParaView writes them: Velocity:0, Velocity_0.
+bool isParaViewComponent(const std::string& name, const char* vector, int index) {
+  return name == vector + std::to_string(index);
+}
 
 Role roleOf(const std::string& name) {
   using Target = TrackColumnPlan::Target;
@@ -113,30 +123,39 @@ Role roleOf(const std::string& name) {
   for (int i = 0; i < 3; ++i) {
     const std::string c(1, "xyz"[i]), u(1, "uvw"[i]);
     if (is({c, "pos" + c, c + "pos", "position" + c, c + "position", "coordinate" + c, c + "coordinate"}))
-      return {Target::Position, i};
-    if (is({"v" + c, u, "velocity" + c, "velocity" + u, "velocityv" + c, "vel" + c, "vel" + u, c + "velocity",
-            u + "velocity", "v" + c + "velocity"}))
-      return {Target::Velocity, i};
+      return {Target::Position, i, 0};
+    if (isParaViewComponent(n, "points", i)) return {Target::Position, i, 1};
+    if (is({"v" + c, "velocity" + c, "velocity" + u, "velocityv" + c, "vel" + c, "vel" + u, c + "velocity",
+            u + "velocity", "v" + c + "velocity"}) ||
+        isParaViewComponent(n, "velocity", i))
+      return {Target::Velocity, i, 0};
+    if (n == u) return {Target::Velocity, i, 1};
+    if (n == "u" + c && name.find('(') == name.npos) return {Target::Velocity, i, 2}; // u(x): an uncertainty
     if (is({"a" + c, "acceleration" + c, "accelerationa" + c, "acc" + c, "accel" + c, c + "acceleration",
-            "a" + c + "acceleration"}))
-      return {Target::Acceleration, i};
+            "a" + c + "acceleration"}) ||
+        isParaViewComponent(n, "acceleration", i))
+      return {Target::Acceleration, i, 0};
   }
-  if (is({"i", "intensity", "particleintensity"})) return {Target::Intensity, 0};
-  if (is({"trackid", "track", "tracknumber", "trackno", "trackindex", "id", "particleid", "trajectoryid",
-          "trajid"}))
-    return {Target::TrackId, 0};
+  if (is({"i", "intensity", "particleintensity"})) return {Target::Intensity, 0, 0};
+  if (is({"trackid", "track", "tracknumber", "trackno", "trackindex", "trajectoryid", "trajectory", "trajid",
+          "traj"}))
+    return {Target::TrackId, 0, 0};
+  if (is({"particleid", "particle"})) return {Target::TrackId, 0, 1};
+  if (n == "id") return {Target::TrackId, 0, 2};
   if (is({"|v|", "|u|", "|velocity|", "velocity|v|", "velocity|u|", "velocitymagnitude", "magnitudevelocity",
           "vmag", "speed", "|a|", "|acceleration|", "acceleration|a|", "accelerationmagnitude", "amag"}))
-    return {Target::Skip, 0};
-  return {Target::Further, 0};
+    return {Target::Skip, 0, 0};
+  return {Target::Further, 0, 0};
 }
 
 const char* const componentNames[4][3] = {{}, {"x", "y", "z"}, {"Vx", "Vy", "Vz"}, {"Ax", "Ay", "Az"}};
 
 std::string list(const std::vector<std::string>& names) {
   std::string all;
-  for (const std::string& n : names) all += (all.empty() ? "" : " ") + ("\"" + toUtf8(n) + "\"");
-  return all;
+  constexpr std::size_t most = 30;
+  for (std::size_t n = 0; n < std::min(names.size(), most); ++n)
+    all += (all.empty() ? "\"" : " \"") + plainText(names[n], 60) + "\"";
+  return names.size() > most ? all + " ..." : all;
 }
 
 } // namespace
@@ -155,6 +174,17 @@ std::string toUtf8(std::string_view text) {
       return result;
     }
   return std::string(text);
+}
+
+std::string plainText(std::string_view text, std::size_t most) {
+  if (text.size() > most) { // not in the middle of a character
+    for (int back = 0; back < 3 && most > 0 && (text[most] & 0xC0) == 0x80; ++back) --most;
+    text = text.substr(0, most);
+  }
+  std::string result = toUtf8(text);
+  for (char& c : result)
+    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = '?';
+  return result;
 }
 
 std::optional<double> unitInSI(std::string_view unit, int power) {
@@ -200,17 +230,26 @@ TrackColumnPlan planTrackColumns(const std::vector<std::string>& names, LengthUn
   bool unitKnown[4] = {true, true, true, true};
   std::string* units[4] = {nullptr, &plan.lengthUnit, &plan.velocityUnit, &plan.accelerationUnit};
 
+  std::vector<Role> roles;
+  std::map<std::pair<Target, int>, std::size_t> best; // the column that has a meaning
   for (std::size_t c = 0; c < names.size(); ++c) {
     named.push_back(separateUnit(names[c]));
-    const Named& n = named.back();
-    const Role role = roleOf(n.name);
+    roles.push_back(roleOf(named.back().name));
+    const auto [found, first] = best.emplace(std::make_pair(roles[c].target, roles[c].index), c);
+    if (!first && roles[c].rank < roles[found->second].rank) found->second = c;
+  }
+  for (std::size_t c = 0; c < names.size(); ++c) {
+    const Named& n = named[c];
+    const Role role = roles[c];
+    const bool chief = best.at({role.target, role.index}) == c;
     TrackColumnPlan::Column column{role.target, role.index, 1, n.label};
     const int kind = role.target == Target::Position       ? 1
                      : role.target == Target::Velocity     ? 2
                      : role.target == Target::Acceleration ? 3
                                                            : 0;
-    if (kind && place[kind][role.index] < 0) {
-      static const char* const defaults[] = {"", "mm", "m/s", "m/s^2"};
+    if (kind && chief) {
+      const bool points = kind == 1 && role.rank == 1;
+      const char* const defaults[] = {"", points ? "m" : "mm", "m/s", "m/s^2"};
       place[kind][role.index] = int(c);
       const bool overridden = kind == 1 && lengthUnit != LengthUnit::Auto;
       const std::string unit = overridden ? chosen.name : n.unit.empty() ? defaults[kind] : n.unit;
@@ -230,9 +269,12 @@ TrackColumnPlan planTrackColumns(const std::vector<std::string>& names, LengthUn
                                   ". Export with these units");
       }
       if (units[kind]->empty()) *units[kind] = unit;
-    } else if (kind || (role.target == Target::Intensity && plan.hasIntensity) ||
-               (role.target == Target::TrackId && plan.hasTrackId)) {
-      column.target = Target::Further; // the second one of its kind
+      if (points && !overridden && role.index == 0)
+        plan.warnings.push_back("the positions \"" + n.label + "\"" +
+                                ", ... have no unit; they are taken for metres, as ParaView saves what was "
+                                "read here. If they are not, choose LengthUnit");
+    } else if (!chief && role.target != Target::Skip) {
+      column.target = Target::Further;
     }
     plan.hasIntensity = plan.hasIntensity || column.target == Target::Intensity;
     plan.hasTrackId = plan.hasTrackId || column.target == Target::TrackId;

@@ -14,11 +14,13 @@ struct TrackColumnPlan {
   enum class Target { Skip, Position, Velocity, Acceleration, Intensity, TrackId, Further };
   struct Column {
     Target target = Target::Skip;
-    int index = 0;     ///< 0, 1, 2 for x, y, z; the place in furtherNames for Further
-    double scale = 1;  ///< from the file's unit to SI; 1 for Intensity and Further
-    std::string label; ///< the name as written, in UTF-8, for messages
+    int index = 0;       ///< 0, 1, 2 for x, y, z; the place in furtherNames for Further
+    double scale = 1;    ///< from the file's unit to SI; 1 for Intensity and Further
+    std::string label;   ///< the name as written, in UTF-8, for messages
+    bool needed = false; ///< of a Further one: a row where it is NaN or Inf is left out
   };
   std::vector<Column> columns; ///< in the file's order
+  char delimiter = 0; ///< between values of which some may be missing; 0: blanks, commas, ... all alike
   bool hasVelocity = false, hasAcceleration = false, hasIntensity = false, hasTrackId = false;
   std::vector<std::string> furtherNames; ///< without units, in UTF-8, each different from all other arrays
   std::string lengthUnit, velocityUnit,
@@ -27,9 +29,12 @@ struct TrackColumnPlan {
   std::string error; ///< why there are no positions; empty when all is well
 };
 
-/// Names, in any case and with blanks, dots or underscores anywhere: x y z (also `Position x`); Vx Vy Vz, u v
-/// w, `Velocity u`; Ax Ay Az, `Acceleration x`; I, Intensity; trackID, `Track ID`, track_id. A unit stands
-/// behind the name in [] (or in (), if it is one). Positions m, cm, mm, um (none: mm), velocities length/s,
+/// Names, in any case and with blanks, dots or underscores anywhere: x y z (also `Position x`, `Points:0`);
+/// Vx Vy Vz, u v w, ux uy uz, `Velocity u`, `Velocity:0`; Ax Ay Az, `Acceleration x`; I, Intensity; trackID,
+/// `Track ID`, track_id, trajectory, particle, id. Where several columns have names for the same, those that
+/// come first in this list win (for ids: as listed; for velocities: Vx, then u, then ux), and the others are
+/// further columns. A unit stands behind the name in [] (or in (), if it is one). Positions m, cm, mm, um
+/// (none: mm; `Points:0`: m), velocities length/s,
 /// /ms (none: m/s), accelerations length/s^2, with the square in any encoding (none: m/s2). Magnitudes (|V|,
 /// |A|) are left out: they follow from the vectors. A vector that lacks a component, or whose unit is
 /// unknown, is not output as such; a known component is kept as a further column in SI. All other columns are
@@ -41,5 +46,8 @@ std::optional<double> unitInSI(std::string_view unit, int power);
 
 /// The text if it is valid UTF-8, else read as Latin-1.
 std::string toUtf8(std::string_view text);
+/// The same with control characters replaced, and cut after `most` bytes of `text`: what names of arrays and
+/// messages are made of.
+std::string plainText(std::string_view text, std::size_t most = std::string_view::npos);
 
 } // namespace rimflow

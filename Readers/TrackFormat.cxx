@@ -74,7 +74,7 @@ std::string notKnown(std::string_view head) {
 
 } // namespace
 
-TrackFormatGuess guessTrackFormat(std::string_view head) {
+TrackFormatGuess guessTrackFormat(std::string_view head) try {
   TrackFormatGuess guess;
   guess.isTrackTable = true;
   if (guess.problem = foreignFormat(head); !guess.problem.empty()) return guess;
@@ -102,6 +102,10 @@ TrackFormatGuess guessTrackFormat(std::string_view head) {
     const TrackColumnPlan plan = outputPlan(layout, LengthUnit::Millimetre);
     guess.isTrackTable = plan.hasTrackId || plan.hasVelocity || layout.frame >= 0;
   }
+  return guess;
+} catch (const std::runtime_error& e) { // a header that cannot be used
+  TrackFormatGuess guess;
+  guess.problem = e.what();
   return guess;
 }
 

@@ -16,10 +16,7 @@ const char* const davisExportAdvice = "In DaVis, export the tracks as Tecplot AS
                                       "velocities, accelerations and track IDs.";
 
 std::string printable(std::string_view text, std::size_t most) {
-  std::string result(text.substr(0, most));
-  for (char& c : result)
-    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = '?';
-  return "\"" + toUtf8(result) + (text.size() > most ? "..." : "") + "\"";
+  return "\"" + plainText(text, most) + (text.size() > most ? "..." : "") + "\"";
 }
 
 std::string shortNumber(double x) {

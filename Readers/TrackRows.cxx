@@ -1,6 +1,7 @@
 #include "TrackRows.h"
 
 #include "PlainDecimal.h"
+#include "TableHead.h"
 #include "TecplotHeader.h"
 
 #include <algorithm>
@@ -106,7 +107,7 @@ IdResult trackId(const char*& p, const char* end, std::int64_t& id) {
 
 // Where the values of a column go: element `index` of every group of `stride`.
 struct Field {
-  enum class Kind { Skip, Float, Intensity, Id, Double } kind = Kind::Skip;
+  enum class Kind { Skip, Float, Intensity, Id, Double, Clock } kind = Kind::Skip; // Clock: never NaN
   double scale = 1;
   void* to = nullptr;
   std::size_t stride = 1;
@@ -151,19 +152,87 @@ std::size_t countRows(const Chunk& c) {
   return rows;
 }
 
+// What a row is found to be, and where the fault is.
+struct RowFault {
+  Fault fault = Fault::None;
+  const char* where = nullptr;
+  std::size_t column = 0;
+};
+
+// Reads the values at p into row `row` of the arrays, and leaves p at the line's end if all is well.
+inline RowFault parseRow(const char*& p, const char* end, const Field* fields, std::size_t columns,
+                         std::size_t row, bool& finite) {
+  const char* const line = p;
+  for (std::size_t f = 0; f < columns; ++f) {
+    const Field& field = fields[f];
+    while (isSeparator[*p]) ++p;
+    if (*p == '\n') return {Fault::TooFew, line, f};
+    double x = 0;
+    switch (field.kind) {
+    case Field::Kind::Skip:
+      p = endOfToken(p);
+      break;
+    case Field::Kind::Float: {
+      if (!number(p, end, x)) return {Fault::NotANumber, p, f};
+      const float value = float(x * field.scale);
+      finite = finite && std::isfinite(value);
+      static_cast<float*>(field.to)[row * field.stride] = value;
+      break;
+    }
+    case Field::Kind::Intensity:
+      if (!number(p, end, x)) return {Fault::NotANumber, p, f};
+      static_cast<float*>(field.to)[row] = float(x);
+      break;
+    case Field::Kind::Clock:
+    case Field::Kind::Double:
+      if (!number(p, end, x)) return {Fault::NotANumber, p, f};
+      finite = finite && (field.kind == Field::Kind::Double || std::isfinite(x));
+      static_cast<double*>(field.to)[row] = x * field.scale;
+      break;
+    case Field::Kind::Id: {
+      const IdResult id = trackId(p, end, static_cast<std::int64_t*>(field.to)[row]);
+      if (id == IdResult::Bad) return {Fault::NotAnId, p, f};
+      finite = finite && id == IdResult::Good;
+      break;
+    }
+    }
+  }
+  while (isSeparator[*p]) ++p;
+  return *p == '\n' ? RowFault{} : RowFault{Fault::TooMany, line, 0};
+}
+
+// The same for a row of a table with this delimiter in which values are missing, in quotes, or text with
+// blanks: exactly one value between two delimiters. False when it is no such row.
+bool parseRowWithGaps(const char* line, const char* lineEnd, char delimiter, const std::vector<Field>& fields,
+                      std::size_t row, bool& finite) {
+  std::vector<std::string_view> values = valuesBetween({line, std::size_t(lineEnd - line)}, delimiter);
+  if (values.size() == fields.size() + 1 && values.back().empty()) values.pop_back();
+  if (values.size() != fields.size()) return false;
+  finite = true;
+  for (std::size_t f = 0; f < fields.size(); ++f) {
+    const Field& field = fields[f];
+    if (field.kind == Field::Kind::Skip) continue;
+    const std::string token = (isMissing(values[f]) ? "nan" : std::string(values[f])) + '\n';
+    const char *p = token.data(), *const end = p + token.size();
+    if (parseRow(p, end, &field, 1, row, finite).fault != Fault::None || p + 1 != end) return false;
+  }
+  return true;
+}
+
 // Reads the rows of a chunk into the arrays; `advance` is 0 when only the first fault is looked for.
-void parseChunk(Chunk& chunk, const char* text, const std::vector<Field>& fields, std::size_t advance,
-                const std::atomic<bool>& stopped) {
+void parseChunk(Chunk& chunk, const char* text, char delimiter, const std::vector<Field>& fields,
+                std::size_t advance, const std::atomic<bool>& stopped) {
   TrackRowsResult& result = chunk.result;
   const auto offset = [&](const char* p) { return std::size_t(chunk.origin + (p - chunk.begin) - text); };
-  const auto fault = [&](Fault what, const char* where, std::size_t column) {
-    result.fault = what;
-    result.offset = offset(where);
-    result.column = column;
+  const auto fault = [&](const RowFault& f) {
+    result.fault = f.fault;
+    result.offset = offset(f.where);
+    result.column = f.column;
   };
   std::size_t row = chunk.firstRow;
   const char* const end = chunk.end;
   for (const char* p = chunk.begin; p < end; ++p) {
+    const char* const begin = p;
     while (isSeparator[*p]) ++p;
     if (*p == '\n') continue;
     const char* const line = p;
@@ -172,40 +241,11 @@ void parseChunk(Chunk& chunk, const char* text, const std::vector<Field>& fields
       continue;
     }
     bool finite = true;
-    for (const Field& field : fields) {
-      const std::size_t f = std::size_t(&field - fields.data());
-      while (isSeparator[*p]) ++p;
-      if (*p == '\n') return fault(Fault::TooFew, line, f);
-      double x = 0;
-      switch (field.kind) {
-      case Field::Kind::Skip:
-        p = endOfToken(p);
-        break;
-      case Field::Kind::Float: {
-        if (!number(p, end, x)) return fault(Fault::NotANumber, p, f);
-        const float value = float(x * field.scale);
-        finite = finite && std::isfinite(value);
-        static_cast<float*>(field.to)[row * field.stride] = value;
-        break;
-      }
-      case Field::Kind::Intensity:
-        if (!number(p, end, x)) return fault(Fault::NotANumber, p, f);
-        static_cast<float*>(field.to)[row] = float(x);
-        break;
-      case Field::Kind::Double:
-        if (!number(p, end, x)) return fault(Fault::NotANumber, p, f);
-        static_cast<double*>(field.to)[row] = x * field.scale;
-        break;
-      case Field::Kind::Id: {
-        const IdResult id = trackId(p, end, static_cast<std::int64_t*>(field.to)[row]);
-        if (id == IdResult::Bad) return fault(Fault::NotAnId, p, f);
-        finite = finite && id == IdResult::Good;
-        break;
-      }
-      }
+    const RowFault found = parseRow(p, end, fields.data(), fields.size(), row, finite);
+    if (found.fault != Fault::None) {
+      p = static_cast<const char*>(std::memchr(line, '\n', std::size_t(end - line)));
+      if (!delimiter || !parseRowWithGaps(begin, p, delimiter, fields, row, finite)) return fault(found);
     }
-    while (isSeparator[*p]) ++p;
-    if (*p != '\n') return fault(Fault::TooMany, line, 0);
     ++result.rows;
     if (finite) {
       row += advance;
@@ -215,7 +255,7 @@ void parseChunk(Chunk& chunk, const char* text, const std::vector<Field>& fields
     }
     if ((result.rows & 4095) == 0 && stopped.load(std::memory_order_relaxed)) return;
   }
-  if (chunk.endlessLine) fault(Fault::TooLong, chunk.endlessLine, 0);
+  if (chunk.endlessLine) fault({Fault::TooLong, chunk.endlessLine, 0});
 }
 
 // Looks at the whole row of a fault: it may be a header that stands where none was expected, and a wrong
@@ -296,7 +336,7 @@ struct Arrays {
           f.to = s.intensity.data();
         }
         if (c.target == Target::Further) {
-          f.kind = Field::Kind::Double;
+          f.kind = c.needed ? Field::Kind::Clock : Field::Kind::Double;
           f.to = s.further[std::size_t(c.index)].values.data();
         }
       }
@@ -348,13 +388,14 @@ TrackRowsResult readTrackRows(std::string_view text, const TrackColumnPlan& plan
   const int n = int(chunks.size());
   const int threads = std::max(1, std::min(n, omp_get_max_threads()));
 
-  // A whole row has at least two bytes per value. More rows than that cannot be whole: then nothing is
-  // stored, and only the first fault is looked for, so that a damaged file cannot ask for more memory than
-  // its own size.
+  // A whole row has at least two bytes per value, or one where values may be missing. More rows than that
+  // cannot be whole: then nothing is stored, and only the first fault is looked for, so that a damaged file
+  // cannot ask for more memory than its own size.
+  const std::size_t leastBytes = (plan.delimiter ? 1 : 2) * plan.columns.size();
   bool store = true;
   std::size_t rows = 0;
   for (Chunk& c : chunks) {
-    const std::size_t whole = std::size_t(c.end - c.begin) / (2 * plan.columns.size());
+    const std::size_t whole = std::size_t(c.end - c.begin) / leastBytes;
     std::size_t count = countLines(c);
     if (count > whole) count = countRows(c);
     store = store && count <= whole;
@@ -362,7 +403,7 @@ TrackRowsResult readTrackRows(std::string_view text, const TrackColumnPlan& plan
     rows += count;
   }
   Arrays arrays{snapshot, plan, idsOnly};
-  arrays.resize(store ? rows : 1);
+  arrays.resize(store ? std::max<std::size_t>(rows, 1) : 1); // fields point into the arrays
   const std::vector<Field> fields = arrays.fields();
   std::atomic<bool> stopped{false}, faulty{false};
   std::atomic<int> done{0};
@@ -375,7 +416,7 @@ TrackRowsResult readTrackRows(std::string_view text, const TrackColumnPlan& plan
     for (int c = 0; c < n; ++c) {
       // Chunks are handed out in order, so the first fault of the file is always among those that are read.
       if (stopped || faulty) continue;
-      parseChunk(chunks[std::size_t(c)], text.data(), fields, store ? 1 : 0, stopped);
+      parseChunk(chunks[std::size_t(c)], text.data(), plan.delimiter, fields, store ? 1 : 0, stopped);
       if (chunks[std::size_t(c)].result.fault != Fault::None) faulty = true;
       const int finished = ++done;
       if (omp_get_thread_num() == 0 && !goOn(progress, double(finished) / n)) stopped = true;

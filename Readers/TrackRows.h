@@ -19,14 +19,17 @@ struct TrackRowsResult {
   std::size_t values = 0;     ///< values in that row (TooFew, TooMany)
   std::size_t column = 0;     ///< of the value (NotANumber, NotAnId)
   std::int64_t rows = 0;      ///< rows read, kept or not
-  std::int64_t notFinite = 0; ///< rows left out, because a position, velocity or acceleration is NaN or Inf
+  std::int64_t notFinite = 0; ///< rows left out, because a position, velocity, acceleration, id or
+                              ///< needed value is NaN or Inf
   std::size_t firstNotFinite = 0; ///< offset of the first of them
   bool aborted = false;
 };
 
 /// Reads rows of numbers in parallel, separated by blanks, tabs, commas or semicolons, one row per line;
-/// empty lines and lines that begin with # are skipped. The result does not depend on the number of threads.
-/// With a fault or when aborted, `snapshot` is empty. `idsOnly`: fill only trackId.
+/// empty lines and lines that begin with # are skipped. Where the plan has a delimiter, a value may be
+/// missing (TableHead.h says what that is) and counts as NaN, and may stand in quotes. The result does not
+/// depend on the number of threads. With a fault or when aborted, `snapshot` is empty. `idsOnly`: fill only
+/// trackId.
 TrackRowsResult readTrackRows(std::string_view text, const TrackColumnPlan& plan, bool idsOnly,
                               TrackSnapshot& snapshot, const Progress& progress = {});
 

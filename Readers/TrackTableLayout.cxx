@@ -21,6 +21,7 @@ void skip(TrackColumnPlan& plan, std::size_t column) {
 
 TrackColumnPlan outputPlan(const TrackTableLayout& layout, LengthUnit unit) {
   TrackColumnPlan plan = planTrackColumns(layout.columns, unit);
+  plan.delimiter = layout.delimiter;
   for (std::size_t c = 0; c < layout.ignored.size(); ++c)
     if (layout.ignored[c]) skip(plan, c);
   if (layout.frame >= 0) skip(plan, std::size_t(layout.frame));
@@ -55,6 +56,7 @@ TrackColumnPlan rawPlan(const TrackTableLayout& layout) {
     TrackColumnPlan::Column& c = plan.columns[std::size_t(layout.frame)];
     c.target = Target::Further;
     c.index = int(plan.furtherNames.size());
+    c.needed = true;
     plan.furtherNames.push_back("frame");
   }
   return plan;

@@ -18,6 +18,7 @@ struct TrackTableLayout {
   double secondsPerUnit = 0;        ///< of a column of times; 0: it counts frames
   bool perFrame = false;   ///< velocities are lengths per frame, accelerations lengths per frame squared
   bool zeroIsNone = false; ///< a particle with zero velocity and acceleration has none
+  char delimiter = 0;      ///< a comma or semicolon between values of which some may be missing
   bool oneLine = false;    ///< rows are not lines, but groups of as many values as there are columns
   std::size_t rows = 0;    ///< byte at which the rows begin
   std::int64_t declaredRows = -1; ///< -1: the file does not say
