@@ -14,11 +14,14 @@ add_library(rimflow_kernels STATIC
   Readers/OpenLPTTracks.cxx
   Readers/OpenPTVTracks.cxx
   Readers/ParticleStore.cxx
+  Readers/SphereMotion.cxx
+  Readers/SphereTrajectoryFile.cxx
   Readers/TableHead.cxx
   Readers/TableTracks.cxx
   Readers/TecplotHeader.cxx
   Readers/TecplotTracks.cxx
   Readers/TemporaryFile.cxx
+  Readers/TimeColumn.cxx
   Readers/TrackColumns.cxx
   Readers/TrackFormat.cxx
   Readers/TrackMessages.cxx

@@ -2,10 +2,10 @@
 
 #include "TableHead.h"
 #include "TecplotHeader.h"
+#include "TimeColumn.h"
 #include "TrackMessages.h"
 
 #include <algorithm>
-#include <cctype>
 #include <stdexcept>
 
 namespace rimflow {
@@ -41,35 +41,6 @@ std::vector<std::string> namesIn(std::string_view line) {
 
 bool namesPositions(const std::vector<std::string>& names) {
   return !names.empty() && planTrackColumns(names, LengthUnit::Millimetre).error.empty();
-}
-
-struct Clock {
-  int column = -1;
-  double secondsPerUnit = 0;
-};
-
-// The column of times, else that of frame numbers.
-Clock findClock(const std::vector<std::string>& names) {
-  Clock clock;
-  for (std::size_t c = 0; c < names.size(); ++c) {
-    const std::size_t bracket = std::min(names[c].find_first_of("[("), names[c].size());
-    std::string name, unit;
-    for (const char k : names[c].substr(0, bracket))
-      if (std::isalnum(static_cast<unsigned char>(k)))
-        name += char(std::tolower(static_cast<unsigned char>(k)));
-    for (const char k : names[c].substr(bracket))
-      if (std::isalpha(static_cast<unsigned char>(k)))
-        unit += char(std::tolower(static_cast<unsigned char>(k)));
-    const auto is = [&](std::initializer_list<const char*> any) {
-      return std::any_of(any.begin(), any.end(), [&](const char* n) { return name == n; });
-    };
-    if (is({"t", "time", "times", "solutiontime"}) && clock.secondsPerUnit == 0)
-      clock = {int(c), unit == "ms" ? 1e-3 : unit == "us" ? 1e-6 : 1};
-    if (is({"frame", "frameid", "frameno", "framenumber", "frameindex", "step", "timestep", "snapshot"}) &&
-        clock.column < 0)
-      clock.column = int(c);
-  }
-  return clock;
 }
 
 // Columns without a known meaning that hold no numbers (labels, file names), as the first row tells.
@@ -123,11 +94,11 @@ TrackTableFormat tableFormat() {
                                tableAdvice);
     TrackTableLayout l;
     l.columns = header->names;
-    const Clock clock = findClock(l.columns);
-    l.frame = clock.column;
-    l.secondsPerUnit = clock.secondsPerUnit;
+    const TimeColumn clock = findTimeColumn(l.columns);
+    l.frame = clock.index;
+    l.secondsPerUnit = clock.unit == TimeColumn::Unit::Frames ? 0 : clock.seconds;
     l.rows = header->rows;
-    l.ignored = textColumns(head.substr(header->rows), l.columns, clock.column);
+    l.ignored = textColumns(head.substr(header->rows), l.columns, clock.index);
     l.expected = "as many as there are names in line " + std::to_string(header->line);
     return l;
   };
