@@ -343,14 +343,12 @@ std::string textOf(const SphereTrajectory& t) {
   std::string title = t.title.empty() ? "Sphere trajectory: time in s, positions in mm" : t.title;
   for (char& c : title)
     if (c == '"' || c == '\n' || c == '\r') c = '\'';
-  double millimetres = 1e3 * t.diameter; // the number of millimetres that reads back to this diameter
-  for (const double near : {std::nextafter(millimetres, 0.), std::nextafter(millimetres, 2 * millimetres)})
-    if (millimetres / 1e3 != t.diameter && near / 1e3 == t.diameter) millimetres = near;
-  // what a person would have written, if that is the same number
-  if (const auto plain = quantityOf(shortNumber(millimetres)); plain && plain->value / 1e3 == t.diameter)
-    millimetres = plain->value;
+  char diameter[64]; // 15 digits: 9.53, although 9.53 mm are 0.009530000000000001 m
+  const char* end =
+      std::to_chars(diameter, diameter + sizeof diameter, 1e3 * t.diameter, std::chars_format::general, 15)
+          .ptr;
   std::string text =
-      "TITLE = \"" + title + "\"\n" + headerExample + "\nDIAMETER=" + shortest(millimetres) + "[mm]\n";
+      "TITLE = \"" + title + "\"\n" + headerExample + "\nDIAMETER=" + std::string(diameter, end) + "[mm]\n";
   if (t.densityRatio > 0) text += "SOLID/FLUID DENSITY RATIO=" + shortest(t.densityRatio) + "\n";
   for (std::size_t i = 0; i < t.time.size(); ++i) {
     text += shortest(t.time[i]);

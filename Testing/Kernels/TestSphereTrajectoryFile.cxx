@@ -222,14 +222,14 @@ TEST(SphereTrajectoryFile, writtenReadsBackTheSame) {
     t.centre.push_back(i % 50 == 7 ? Vector(none, none, none)
                                    : Vector(place(random), place(random), place(random)));
   }
-  for (const double diameter : {0.01111, 0.00953, 1. / 3, 2.5e-5}) {
+  for (const double diameter : {0.01111, 9.53 * 1e-3, 1. / 3, 2.5e-5}) {
     t.diameter = diameter;
     writeSphereTrajectory(folder / "out.dat", t);
     std::vector<std::string> warnings;
     SphereTrajectory read = readSphereTrajectory(folder / "out.dat", {}, warnings);
     EXPECT_TRUE(warnings.empty());
     EXPECT_EQ(read.time, t.time); // all digits
-    EXPECT_DOUBLE_EQ(read.diameter, diameter);
+    EXPECT_NEAR(read.diameter, diameter, 1e-14 * diameter);
     EXPECT_EQ(read.densityRatio, t.densityRatio);
     for (std::size_t i = 0; i < t.centre.size(); ++i) {
       EXPECT_EQ(read.centre[i].allFinite(), t.centre[i].allFinite());
@@ -246,7 +246,7 @@ TEST(SphereTrajectoryFile, writtenReadsBackTheSame) {
     EXPECT_EQ(again.title, read.title);
   }
   std::string line;
-  t.diameter = 0.01111, t.title.clear();
+  t.diameter = 11.11 * 1e-3, t.title.clear();
   writeSphereTrajectory(folder / "out.dat", t);
   std::ifstream written(folder / "out.dat");
   for (const char* expected : {"TITLE = \"Sphere trajectory: time in s, positions in mm\"",
