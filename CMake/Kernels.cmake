@@ -14,21 +14,18 @@ set(rimflow_parsers
   Readers/OpenLPTTracks.cxx
   Readers/OpenPTVTracks.cxx
   Readers/ParticleStore.cxx
+  Readers/SphereMotion.cxx
+  Readers/SphereTrajectoryFile.cxx
   Readers/TableHead.cxx
   Readers/TableTracks.cxx
   Readers/TecplotHeader.cxx
   Readers/TecplotTracks.cxx
   Readers/TemporaryFile.cxx
+  Readers/TimeColumn.cxx
   Readers/TrackColumns.cxx
-  Readers/TrackDerivatives.cxx
   Readers/TrackFormat.cxx
   Readers/TrackMessages.cxx
-  Readers/TrackNoise.cxx
-  Readers/TrackPathlines.cxx
   Readers/TrackRows.cxx
-  Readers/TrackSelection.cxx
-  Readers/TrackSeries.cxx
-  Readers/TrackStatistics.cxx
   Readers/TrackTableLayout.cxx
   Readers/TrackTexts.cxx
   Readers/TrackTimeline.cxx
@@ -36,6 +33,12 @@ set(rimflow_parsers
 add_library(rimflow_kernels STATIC
   ${rimflow_parsers}
   Readers/AnalyticFlows.cxx
+  Readers/TrackDerivatives.cxx
+  Readers/TrackNoise.cxx
+  Readers/TrackPathlines.cxx
+  Readers/TrackSelection.cxx
+  Readers/TrackSeries.cxx
+  Readers/TrackStatistics.cxx
   Readers/TrackSynthesis.cxx
   Filters/Common/BoxPoisson.cxx
   Filters/Common/Interpolation.cxx

@@ -2,10 +2,10 @@
 
 #include "TableHead.h"
 #include "TecplotHeader.h"
+#include "TimeColumn.h"
 #include "TrackMessages.h"
 
 #include <algorithm>
-#include <cctype>
 #include <stdexcept>
 
 namespace rimflow {
@@ -41,47 +41,6 @@ std::vector<std::string> namesIn(std::string_view line) {
 
 bool namesPositions(const std::vector<std::string>& names) {
   return !names.empty() && planTrackColumns(names, LengthUnit::Millimetre).error.empty();
-}
-
-struct Clock {
-  int column = -1;
-  double secondsPerUnit = 0;
-  std::string problem; // the unit is not known
-};
-
-// The column of times, else that of frame numbers.
-Clock findClock(const std::vector<std::string>& names) {
-  Clock clock;
-  for (std::size_t c = 0; c < names.size(); ++c) {
-    const std::size_t bracket = std::min(names[c].find_first_of("[("), names[c].size());
-    std::string name, unit;
-    for (const char k : names[c].substr(0, bracket))
-      if (std::isalnum(static_cast<unsigned char>(k)))
-        name += char(std::tolower(static_cast<unsigned char>(k)));
-    for (const char k : names[c].substr(bracket))
-      if (std::isalpha(static_cast<unsigned char>(k)))
-        unit += char(std::tolower(static_cast<unsigned char>(k)));
-    const auto is = [&](std::initializer_list<const char*> any) {
-      return std::any_of(any.begin(), any.end(), [&](const char* n) { return name == n; });
-    };
-    const bool time = is({"t", "time", "times", "solutiontime"});
-    const bool frames = unit == "frame" || unit == "frames" || unit == "step" || unit == "steps";
-    const double seconds = unit.empty() || unit == "s" || unit == "sec" || unit == "seconds" ? 1
-                           : unit == "ms"                                                    ? 1e-3
-                           : unit == "us"                                                    ? 1e-6
-                           : unit == "ns"                                                    ? 1e-9
-                                                                                             : 0;
-    if (time && seconds > 0 && clock.secondsPerUnit == 0)
-      clock = {int(c), seconds, {}};
-    else if (((time && frames) || is({"frame", "frameid", "frameno", "framenumber", "frameindex", "step",
-                                      "timestep", "snapshot"})) &&
-             clock.column < 0)
-      clock = {int(c), 0, {}};
-    else if (time && !frames && seconds == 0 && clock.column < 0)
-      clock.problem = "line 1: the unit of column " + printable(names[c]) +
-                      " is not known; expected [s], [ms], [us], [ns] or [frame]. Correct it in the header.";
-  }
-  return clock;
 }
 
 // The values of a row, of which some may be missing if there is a delimiter; none if it is no whole row.
@@ -155,14 +114,17 @@ TrackTableFormat tableFormat() {
                                tableAdvice);
     TrackTableLayout l;
     l.columns = header->names;
-    const Clock clock = findClock(l.columns);
-    if (clock.column < 0 && !clock.problem.empty()) throw std::runtime_error(clock.problem);
-    l.frame = clock.column;
-    l.secondsPerUnit = clock.secondsPerUnit;
+    const TimeColumn clock = findTimeColumn(l.columns);
+    if (clock.unit == TimeColumn::Unit::NotKnown)
+      throw std::runtime_error("line 1: the unit of column " + printable(l.columns[std::size_t(clock.index)]) +
+                               " is not known; expected [s], [ms], [us], [ns] or [frame]. Correct it in the "
+                               "header.");
+    l.frame = clock.index;
+    l.secondsPerUnit = clock.unit == TimeColumn::Unit::Frames ? 0 : clock.seconds;
     l.rows = header->rows;
     const std::vector<HeadLine> rows = linesOfHead(head.substr(header->rows), linesLookedAt);
     l.delimiter = delimiterOf(rows, l.columns.size());
-    l.ignored = textColumns(rows, l.delimiter, l.columns, clock.column);
+    l.ignored = textColumns(rows, l.delimiter, l.columns, clock.index);
     l.expected = "as many as there are names in line " + std::to_string(header->line);
     return l;
   };

@@ -6,6 +6,7 @@
 #include "MyPTVTracks.h"
 #include "OpenLPTTracks.h"
 #include "OpenPTVTracks.h"
+#include "SphereTrajectoryFile.h"
 #include "TableHead.h"
 #include "TableTracks.h"
 #include "TecplotHeader.h"
@@ -113,6 +114,7 @@ bool looksLikeTracks(const std::string& path) {
   try {
     if (belongsToSet(path)) return true;
     const std::string head = headOfFile(path, trackHeadBytes);
+    if (namesSphereDiameter(head)) return false;
     const TrackFormatGuess guess = guessTrackFormat(head);
     if (guess.format == TrackFormat::Tecplot) return TecplotTracks::canRead(path);
     return (guess.format && guess.isTrackTable) || guess.problem.find(".set file") != std::string::npos;
@@ -131,6 +133,9 @@ std::unique_ptr<TrackFile> makeTrackFile(const std::vector<std::string>& files) 
       throw std::runtime_error(path + ": this belongs to DaVis' own .set, which cannot be read here. " +
                                davisExportAdvice);
     const std::string head = headOfFile(path, trackHeadBytes);
+    if (namesSphereDiameter(head))
+      throw std::runtime_error(path + ": this is the trajectory of a sphere (it has a DIAMETER), not a table "
+                                      "of tracks. Open it with the Sphere Trajectory Reader.");
     TrackFormatGuess guess = guessTrackFormat(head);
     if (!guess.format)
       throw std::runtime_error(path + (guess.problem.rfind("line", 0) == 0 ? ", " : ": ") + guess.problem);

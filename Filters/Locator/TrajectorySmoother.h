@@ -1,5 +1,6 @@
 #pragma once
 #include "CentreEstimate.h"
+#include "CentreStatus.h"
 
 namespace rimflow {
 
@@ -21,8 +22,6 @@ struct SmootherOptions {
   double radius =
       0; ///< of the sphere, m: snapshots with a wall are then estimated jointly; 0: each by itself
 };
-
-enum class CentreStatus { Found = 0, Predicted = 1, Lost = 2 };
 
 struct SmoothedCentre {
   CentreStatus status =

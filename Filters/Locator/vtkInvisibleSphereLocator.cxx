@@ -1,6 +1,7 @@
 #include "vtkInvisibleSphereLocator.h"
 
 #include "SphereGroup.h"
+#include "vtkBodyOutput.h"
 #include "vtkFilterInput.h"
 #include "vtkGridFromImage.h"
 #include "vtkTrajectorySmoother.h"
@@ -21,7 +22,6 @@
 #include "vtkPointData.h"
 #include "vtkPoints.h"
 #include "vtkPolyData.h"
-#include "vtkSphereSource.h"
 #include "vtkStreamingDemandDrivenPipeline.h"
 #include "vtkStringArray.h"
 
@@ -139,27 +139,6 @@ private:
   vtkNew<vtkStringArray> text_;
 };
 
-void addField(vtkPolyData* data, const char* name, double value) {
-  vtkNew<vtkDoubleArray> array;
-  array->SetName(name);
-  array->InsertNextValue(value);
-  data->GetFieldData()->AddArray(array);
-}
-
-/// What is said of a snapshot without a sphere.
-void fillLost(vtkPolyData* data, double time, double diameter, const std::string& why) {
-  addField(data, "Time", time);
-  addField(data, "Diameter", diameter);
-  vtkNew<vtkIntArray> status;
-  status->SetName("Status");
-  status->InsertNextValue(2);
-  data->GetFieldData()->AddArray(status);
-  vtkNew<vtkStringArray> text;
-  text->SetName("StatusText");
-  text->InsertNextValue(why);
-  data->GetFieldData()->AddArray(text);
-}
-
 /// The trajectory's points that are not lost; the line goes through these already.
 void withoutLost(vtkPolyData* smoothed, vtkPolyData* trajectory) {
   vtkDataArray* status = smoothed->GetPointData()->GetArray("Status");
@@ -177,11 +156,6 @@ void withoutLost(vtkPolyData* smoothed, vtkPolyData* trajectory) {
   trajectory->SetPoints(points);
   trajectory->SetLines(line);
   trajectory->GetFieldData()->ShallowCopy(smoothed->GetFieldData());
-}
-
-void copyToFieldData(vtkPolyData* from, vtkPolyData* to) {
-  for (int a = 0; a < from->GetPointData()->GetNumberOfArrays(); ++a)
-    to->GetFieldData()->AddArray(from->GetPointData()->GetAbstractArray(a));
 }
 
 rimflow::CentreEstimate estimateOf(double time, const LocatedSphere& s) {
@@ -252,18 +226,13 @@ vtkSmartPointer<vtkPolyData> centreOf(std::size_t sphere, double time, const Loc
 }
 
 vtkSmartPointer<vtkPolyData> surfaceOf(std::size_t sphere, const LocatedSphere& s, int resolution) {
-  vtkNew<vtkSphereSource> source;
-  source->SetCenter(s.centre.data());
-  source->SetRadius(0.5 * s.diameter);
-  source->SetThetaResolution(resolution);
-  source->SetPhiResolution(resolution / 2 + 1);
-  source->Update();
+  const auto surface = rimflow::sphereSurface(s.centre.data(), s.diameter, resolution);
   vtkNew<vtkIntArray> id;
   id->SetName("SphereId");
-  id->SetNumberOfTuples(source->GetOutput()->GetNumberOfPoints());
+  id->SetNumberOfTuples(surface->GetNumberOfPoints());
   id->Fill(double(sphere));
-  source->GetOutput()->GetPointData()->AddArray(id);
-  return source->GetOutput();
+  surface->GetPointData()->AddArray(id);
+  return surface;
 }
 
 void join(vtkAppendPolyData* parts, vtkPolyData* output) {
@@ -497,13 +466,13 @@ void vtkInvisibleSphereLocator::FillOutputs(double time, bool whole, vtkInformat
   if (state.group->size() == 1)
     trajectory->GetFieldData()->ShallowCopy(state.smoothed[0].trajectory->GetFieldData());
   if (centres->GetNumberOfInputConnections(0) == 0) {
-    fillLost(centre, time, this->Diameter, why);
-    fillLost(surface, time, this->Diameter, why);
+    rimflow::addLostBody(centre, time, this->Diameter, why);
+    rimflow::addLostBody(surface, time, this->Diameter, why);
   } else {
     join(centres, centre);
     join(surfaces, surface);
-    copyToFieldData(centre, centre);
-    copyToFieldData(centre, surface);
+    rimflow::pointsToFieldData(centre, centre);
+    rimflow::pointsToFieldData(centre, surface);
   }
   for (vtkPolyData* output : {surface, centre, trajectory, wall})
     output->GetInformation()->Set(vtkDataObject::DATA_TIME_STEP(), time);

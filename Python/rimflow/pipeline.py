@@ -19,7 +19,7 @@ from rimflow import files
 from rimflow.options import UsageError, gravity
 from rimflow.vtkRIMFlowFilters import (vtkInvisibleSphereLocator, vtkOmni3DPressure, vtkQCriterion, vtkSurfaceForce, vtkTrajectorySmoother,
                                        vtkVICSharpResample)
-from rimflow.vtkRIMFlowReaders import vtkSTBTrackReader
+from rimflow.vtkRIMFlowReaders import vtkSphereTrajectoryWriter, vtkSTBTrackReader
 
 FIELD_ARRAYS = ("Velocity", "MaterialAcceleration", "Vorticity", "QCriterion", "Pressure", "PressureError", "Mask", "vtkGhostType")
 # chi-squared that three components of pure noise exceed as seldom as a normal variable its three standard deviations (0.27 %)
@@ -371,6 +371,22 @@ def polyline(trajectory):
                          ("AngularVelocity", trajectory.rotation), ("AngularVelocitySigma", trajectory.rotation_sigma), ("Status", trajectory.status.astype(np.int32)), ("RawCentre", trajectory.raw)):
         add_array(data.GetPointData(), name, values[known])
     return data
+
+
+def write_sphere_trajectory(path, trajectory, density_ratio):
+    """The smoothed places as the text file of the Sphere Trajectory Reader, NaN where the sphere is lost. density_ratio: 0 where not known."""
+    data = vtkPolyData()
+    data.SetPoints(vtk_points(np.nan_to_num(trajectory.centre)))
+    for name, values in (("Time", trajectory.time), ("Centre", trajectory.centre), ("Status", trajectory.status.astype(np.int32))):
+        add_array(data.GetPointData(), name, values)
+    writer, errors = vtkSphereTrajectoryWriter(), Errors()
+    errors.watch(writer)
+    writer.SetFileName(path)
+    writer.SetDiameter(trajectory.diameter)
+    writer.SetDensityRatio(density_ratio)
+    writer.SetInputData(data)
+    writer.Write()
+    errors.check()
 
 
 def read_polydata(path):

@@ -2,7 +2,7 @@
 
 Three passes, each over this rank's contiguous share of the snapshots:
 1. every snapshot by itself: find the sphere            -> snapshots/NNNNNN.json (what --resume goes on from), NNNNNN.wall.vtp
-2. all snapshots together: the path, on the first rank  -> trajectory.csv
+2. all snapshots together: the path, on the first rank  -> trajectory.csv, trajectory.dat
 3. every snapshot with the smoothed sphere: flow, forces -> sphere/, fields/, snapshots/NNNNNN.flow.json (what --resume goes on from)
 In the end the first rank writes what concerns all snapshots: forces.csv, run.json, report/.
 """
@@ -127,7 +127,7 @@ class Run:
         else:
             for folder in ("snapshots", "sphere", "fields", "report"):
                 shutil.rmtree(self.path(folder), ignore_errors=True)
-            for name in ("trajectory.csv", "forces.csv", "sphere.pvd", "fields.pvd", "run.json", "trajectory.vtp"):
+            for name in ("trajectory.csv", "forces.csv", "sphere.pvd", "fields.pvd", "run.json", "trajectory.vtp", "trajectory.dat"):
                 if os.path.exists(self.path(name)):
                     os.remove(self.path(name))
         for folder in ("snapshots", "sphere", "report") + (("fields",) if self.with_fields else ()):
@@ -192,6 +192,7 @@ class Run:
             trajectory = assembled(records, self.options.diameter, arrays)
         if self.ranks.first:
             files.write_csv(self.path("trajectory.csv"), TRAJECTORY_COLUMNS, trajectory_rows(trajectory))
+            pipeline.write_sphere_trajectory(self.path("trajectory.dat"), trajectory, (self.options.body_density or 0) / self.options.density)
         return trajectory
 
     def write(self, trajectory):

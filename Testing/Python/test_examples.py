@@ -61,6 +61,22 @@ class TestExamples(unittest.TestCase):
                          os.path.join(SOURCE, "Examples", "pvpython", "uncertainty.py"), TRACKS, "0.00953", picture)
         self.assertGreater(os.path.getsize(picture), 20000)
 
+    def test_pvpython_forces_of_known_path(self):
+        # the true path, in other times than those of the tracks, and lost for a while
+        with open(os.path.join(self.folder, "path.dat"), "w", encoding="ascii") as f:
+            f.write('TITLE = "from another program"\nVARIABLES = "Time[ms]" "x" "y" "z"\nDIAMETER=0.953[cm]\nSOLID/FLUID DENSITY RATIO=0.65\n')
+            for k in range(60):
+                t = 43.1248 + 5e-4 * k
+                place = [1e3 * (CENTRE[a] + VELOCITY[a] * (t - TIME)) for a in range(3)] if k not in (25, 26) else [float("nan")] * 3
+                f.write(f"{1e3 * t:.4f}\t" + "\t".join(f"{v:.6f}" for v in place) + "\r\n")
+        printed = self.run_example("pvpython", os.path.join(SOURCE, "Examples", "pvpython", "forces_of_known_path.py"), TRACKS, "path.dat", *FLUID, "16")
+        row = re.search(r"^ *([\d.]+) +([\d.]+) \+- ([\d.]+) +([\d.]+) +([\d.]+) \+- ([\d.]+) +([\d.]+) +([\d.]+)", printed, re.MULTILINE)
+        self.assertIsNotNone(row, printed)
+        time, drag, sigma, lift, cd, cd_sigma, cl, momentum = map(float, row.groups())
+        self.assertAlmostEqual(cd, CD, delta=0.12)
+        self.assertAlmostEqual(momentum, CD, delta=0.06)
+        self.assertLess(cl, 0.06)
+
     def test_pvpython_forces(self):
         picture = os.path.join(self.folder, "forces.png")
         printed = self.run_example(os.path.join(SOURCE, "rimflow"), "with-display", "pvpython",

@@ -34,6 +34,13 @@ def rows(folder, name="trajectory.csv"):
         return [{k: float(v) for k, v in row.items()} for row in csv.DictReader(f)]
 
 
+def sphere_file(path):
+    """The header and the rows of a trajectory for other programs: time in s, place in mm."""
+    lines = text_of(path).splitlines()
+    header = [line for line in lines if "=" in line]
+    return header, [[float(v) for v in line.split()] for line in lines[len(header):]]
+
+
 def text_of(path):
     with open(path, encoding="utf-8", errors="replace") as f:
         return f.read()
@@ -85,6 +92,12 @@ class TestProcess(unittest.TestCase):
         self.assertLess(max(abs(v - 0.25) for v in speed), 0.01)
         with open(self.out("all/run.json")) as f:
             self.assertEqual(json.load(f)["snapshots"]["found"], 16)
+        header, path = sphere_file(self.out("all/trajectory.dat"))
+        self.assertEqual(header[1:], ['VARIABLES = "Time" "x" "y" "z"', "DIAMETER=9.53[mm]", f"SOLID/FLUID DENSITY RATIO={1190 / 1820!r}"])
+        self.assertEqual([p[0] for p in path], [r["time_s"] for r in table])
+        for place, row in zip(path, table):
+            for a in range(3):
+                self.assertAlmostEqual(1e-3 * place[1 + a], row["xyz"[a] + "_m"], delta=1e-9)
         for name in ("sphere.pvd", "trajectory.vtp", "report/index.html", "report/trajectory.png", "report/motion.png", "report/quality.png"):
             self.assertGreater(os.path.getsize(self.out(f"all/{name}")), 500, name)
         for name in ("fields.pvd", "forces.csv", "report/forces.png"):
@@ -183,6 +196,8 @@ class TestProcess(unittest.TestCase):
         # alone, such a snapshot is lost
         process("--out", self.out("alone"), "--diameter", "9.53mm", "--steps", "1:2", tracks=[thin])
         self.assertEqual([r["status"] for r in rows(self.out("alone"))], [2])
+        (time, *place), = sphere_file(self.out("alone/trajectory.dat"))[1]
+        self.assertTrue(all(map(math.isnan, place)))
         lost, = rows(self.out("alone"), "forces.csv")  # a row, but no numbers
         self.assertEqual({k for k, v in lost.items() if not math.isnan(v)}, {"snapshot", "time_s"})
 
