@@ -6,6 +6,7 @@ an interruption leaves can be opened, and --resume goes on from there.
 import glob
 import json
 import os
+import signal
 import sys
 import time
 
@@ -21,6 +22,8 @@ SECONDS_BETWEEN_LISTS = 2.0
 
 def main(arguments):
     """Runs the command; returns the exit status."""
+    for stop in (signal.SIGINT, signal.SIGTERM):  # ParaView's own handler would print a stack trace and die
+        signal.signal(stop, signal.default_int_handler)
     try:
         return pipeline.answered("convert", lambda: Conversion(command_line.parse_convert(arguments)).execute())
     except KeyboardInterrupt:
