@@ -1,9 +1,9 @@
 """Opening a large track file in ParaView: time to the first snapshot and picture, time of later snapshots at random, peak memory.
 
-    ./rimflow bench large [--format tecplot|openlpt] [--size 2.0] [--runs 5] [--threads 2] [--file FILE]
+    ./rimflow bench large [--format tecplot|openlpt] [--size 2.0] [--snapshots 200] [--runs 5] [--threads 2] [--convert]
 
-A file of SIZE GB (200 snapshots of particles with 12 columns for Tecplot; the rows of OpenLPT stand track by track) is written into
-TMPDIR unless it is there already. Each run is a fresh pvpython that reads it through the plugin's reader, the file being in the page
+A file of SIZE GB (12 columns in Tecplot files; in OpenLPT files, 13 columns, the rows stand track by track) is written into TMPDIR
+unless it is there already; --file FILE measures a file of your own. Each run is a fresh pvpython that reads it through the plugin's reader, the file being in the page
 cache if the memory suffices. Times start with the creation of the reader: ParaView itself and the plugin are loaded by then. Snapshots
 after random jumps are compared with what was written: exit status 1 when a number is wrong.
 """
@@ -19,7 +19,7 @@ import time
 
 import numpy as np
 
-SNAPSHOTS, JUMPS, BLOCKS = 200, 30, 7
+JUMPS, BLOCKS = 30, 7
 HEADER = ('TITLE = "B00001"\nVARIABLES = "x[mm]" "y[mm]" "z[mm]" "I" "Vx[m/s]" "Vy[m/s]" "Vz[m/s]" "|V|[m/s]" "trackID" "Ax[m/s^2]" '
           '"Ay[m/s^2]" "Az[m/s^2]"\n')
 ROW = "%.6f %.6f %.6f %.4f %.6f %.6f %.6f %.6f %d %.5g %.5g %.5g\n"
@@ -32,8 +32,8 @@ class Tecplot:
     """Snapshot k is block k % BLOCKS, begun at row 911 k: quick to write, and no two snapshots are the same."""
     name = "tracks.dat"
 
-    def __init__(self, size):
-        self.particles = round(size * 1e9 / SNAPSHOTS / BYTES_PER_ROW)
+    def __init__(self, size, snapshots):
+        self.snapshots, self.particles = snapshots, round(size * 1e9 / snapshots / BYTES_PER_ROW)
 
     def block(self, b):
         u = np.random.default_rng(b).uniform(-1, 1, (self.particles, 11)) * [55, 37, 12, 400, .4, .4, .4, .5, 60, 60, 60]
@@ -43,7 +43,7 @@ class Tecplot:
         texts = [[ROW % tuple(row) for row in self.block(b)] for b in range(BLOCKS)]
         with open(path, "w", encoding="ascii") as f:
             f.write(HEADER)
-            for k in range(SNAPSHOTS):
+            for k in range(self.snapshots):
                 rows, first = texts[k % BLOCKS], 911 * k % self.particles
                 f.write(f'ZONE T="Snapshot {k}"\nSTRANDID=1, SOLUTIONTIME={self.time(k)!r}\nI={self.particles}, J=1, K=1, ZONETYPE = Ordered\n'
                         "DATAPACKING = POINT\n")
@@ -66,11 +66,11 @@ class OpenLPT:
     """Track t is pattern t % BLOCKS under its own id; all tracks live in all frames."""
     name = "tracks.csv"
 
-    def __init__(self, size):
-        self.particles = round(size * 1e9 / SNAPSHOTS / LPT_BYTES_PER_ROW)
+    def __init__(self, size, snapshots):
+        self.snapshots, self.particles = snapshots, round(size * 1e9 / snapshots / LPT_BYTES_PER_ROW)
 
     def pattern(self, p):
-        return np.random.default_rng(p).uniform(-50, 50, (SNAPSHOTS, 11)).round(6)
+        return np.random.default_rng(p).uniform(-50, 50, (self.snapshots, 11)).round(6)
 
     def write(self, path):
         patterns = ["".join("@,%d,%s\n" % (f, ",".join("%.6f" % v for v in row)) for f, row in enumerate(self.pattern(p))) for p in range(BLOCKS)]
@@ -107,7 +107,6 @@ def measure(path, data, render):
 
     if not hasattr(simple, "STBTrackReader"):
         sys.exit("the plugin is not loaded: run it by ./rimflow bench large")
-    order = np.random.default_rng(3).integers(0, SNAPSHOTS, JUMPS)
     if render:
         view = simple.CreateRenderView(ViewSize=[800, 600])
         simple.Render(view)  # the window is there, as it is when a user opens a file
@@ -115,7 +114,7 @@ def measure(path, data, render):
     if path.endswith(".pvd"):
         reader = simple.PVDReader(FileName=path)
     else:
-        reader = simple.STBTrackReader(FileNames=[path], **data.settings())
+        reader = simple.STBTrackReader(FileNames=[path], **(data.settings() if data else {}))
     if render:
         simple.Show(reader, view)
         view.ResetCamera()
@@ -124,7 +123,7 @@ def measure(path, data, render):
         reader.UpdatePipeline()
     found = {"first": time.perf_counter() - start, "later": [], "idle_MB": idle, "first_MB": memory()}
     times = list(reader.TimestepValues)
-    right = times == [data.time(k) for k in range(SNAPSHOTS)]
+    order = np.random.default_rng(3).integers(0, len(times), JUMPS)
     for k in map(int, order):
         start = time.perf_counter()
         if render:
@@ -134,7 +133,8 @@ def measure(path, data, render):
             reader.UpdatePipeline(times[k])
         found["later"].append(time.perf_counter() - start)
     found["peak_MB"] = memory()
-    for k in map(int, order[:8]):
+    right = not data or times == [data.time(k) for k in range(data.snapshots)]
+    for k in map(int, order[:8] if data else ()):
         reader.UpdatePipeline(times[k])
         output = reader.GetClientSideObject().GetOutputDataObject(0)
         ids, position = data.expected(k)
@@ -149,7 +149,8 @@ def spread(values, unit, digits):
 
 
 def runs(path, options, render):
-    command = ["pvpython", os.path.abspath(__file__), "--format", options.format, "--size", repr(options.size), "--measure", path]
+    command = ["pvpython", os.path.abspath(__file__), "--format", options.format, "--size", repr(options.size),
+               "--snapshots", str(options.snapshots), "--measure", path, *(["--file", options.file] if options.file else [])]
     if render:
         command = [os.path.join(os.path.dirname(__file__), "..", "..", "rimflow"), "with-display", *command, "--render"]
     environment = {**os.environ, "OMP_NUM_THREADS": str(options.threads)}
@@ -171,6 +172,8 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--format", choices=FORMATS, default="tecplot")
     parser.add_argument("--size", type=float, default=2.0, help="GB")
+    parser.add_argument("--snapshots", type=int, default=200)
+    parser.add_argument("--file", help="this file instead; its numbers are not checked")
     parser.add_argument("--runs", type=int, default=5)
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--no-render", action="store_true", help="only the reader")
@@ -178,27 +181,27 @@ def main():
     parser.add_argument("--measure", metavar="FILE", help=argparse.SUPPRESS)
     parser.add_argument("--render", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
-    data = FORMATS[options.format](options.size)
+    data = None if options.file else FORMATS[options.format](options.size, options.snapshots)
     if options.measure:
         print("\n" + json.dumps(measure(options.measure, data, options.render)), flush=True)
         return 0
-    path = os.path.join(tempfile.gettempdir(), f"rimflow-large-{options.size:g}-{data.name}")
+    path = options.file or os.path.join(tempfile.gettempdir(), f"rimflow-large-{options.size:g}-{options.snapshots}-{data.name}")
     if not os.path.exists(path):
         start = time.perf_counter()
         data.write(path + ".part")
         os.replace(path + ".part", path)
         print(f"written in {time.perf_counter() - start:.0f} s")
-    print(f"{path}: {os.path.getsize(path) / 1e9:.2f} GB, {SNAPSHOTS} snapshots of {data.particles} particles; {options.threads} threads, {os.cpu_count()} cores",
+    print(f"{path}: {os.path.getsize(path) / 1e9:.4g} GB{f', {data.snapshots} snapshots of {data.particles} particles' if data else ''}; {options.threads} threads, {os.cpu_count()} cores",
           flush=True)
     paths, right = [path], True
     if options.convert:
-        series, start = os.path.splitext(path)[0] + ".pvd", time.perf_counter()
+        folder = tempfile.mkdtemp(prefix="rimflow-series-")
+        series, start = os.path.join(folder, "series.pvd"), time.perf_counter()
         script = os.path.join(os.environ["PYTHONPATH"].split(":")[0], "rimflow", "convert.py")
-        period = ["--frame-period", "0.001"] if options.format == "openlpt" else []
+        period = ["--frame-period", "0.001"] if options.format == "openlpt" and data else []
         subprocess.run(["pvbatch", script, path, series, *period], stderr=subprocess.DEVNULL, check=True)
-        folder = os.path.splitext(path)[0]
-        size = sum(os.path.getsize(os.path.join(folder, name)) for name in os.listdir(folder))
-        print(f"converted in {time.perf_counter() - start:.1f} s to {size / 1e9:.2f} GB")
+        size = sum(entry.stat().st_size for entry in os.scandir(os.path.join(folder, "series")))
+        print(f"converted in {time.perf_counter() - start:.1f} s to {size / 1e9:.4g} GB")
         paths.append(series)
     for name in paths:
         print("==", os.path.basename(name))
@@ -206,7 +209,6 @@ def main():
             right = runs(name, options, render) and right
     if options.convert:
         shutil.rmtree(folder)
-        os.remove(series)
     return 0 if right else 1
 
 
