@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import os
+from xml.sax.saxutils import quoteattr
 
 
 @contextlib.contextmanager
@@ -41,6 +42,22 @@ def write_csv(path, columns, rows):
 
 def write_pvd(path, entries):
     """entries: (time in s, file name relative to the .pvd). ParaView opens the result as a time series."""
-    lines = [f'  <DataSet timestep="{time!r}" file="{name}"/>' for time, name in entries]
+    lines = [f'  <DataSet timestep="{time!r}" file={quoteattr(name)}/>' for time, name in entries]
     write_text(path, "\n".join(['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1">', " <Collection>", *lines,
                                 " </Collection>", "</VTKFile>", ""]))
+
+
+def space_before_appended_data(path):
+    """Puts white space between the tag <AppendedData> of a VTK XML file and its data, in place: more than VTK's parser reads at once.
+
+    VTK 9.2 hands a file to expat in pieces of 4096 bytes, stops at that tag, and closes the document itself. An expat that puts off
+    half-read tags (2.6 and later, Debian's 2.5.0 from deb12u2 on) does not report the tag then; VTK does not notice, and hands it the
+    next piece: binary data, "not well-formed". White space is legal there and makes expat report the tag; every VTK skips it.
+    """
+    tag, piece = b'<AppendedData encoding="raw">', 4096
+    with open(path, "r+b") as f:
+        content = f.read()
+        at = content.index(tag) + len(tag)
+        f.seek(at)
+        f.write(b" " * (piece + -at % piece))
+        f.write(memoryview(content)[at:])

@@ -7,6 +7,7 @@ import numpy as np
 
 from rimflow.files import replacing
 from rimflow.force_report import LETTERS
+from rimflow.options import is_series
 
 SIZE, TITLE = (1400, 1050), 60  # pixels; TITLE: height of the strip above the picture
 TILE, TALL_TILE = (520, 520), (520, 780)
@@ -188,7 +189,10 @@ class Scene:
     def tracks(self, names):
         simple = self.simple
         view = self.view()
-        reader = simple.STBTrackReader(FileNames=names, OutputMode="Pathlines", TrailLength=6)
+        if is_series(names[0]):
+            reader = simple.PVDReader(FileName=names[0])  # particles: a series has no pathlines
+        else:
+            reader = simple.STBTrackReader(FileNames=names, OutputMode="Pathlines", TrailLength=6)
         reader.UpdatePipeline(self.time)
         slab = simple.Clip(Input=reader, ClipType="Box")
         half = [3 * self.diameter] * 3
@@ -196,7 +200,8 @@ class Scene:
         half[axis] = 0.25 * self.diameter
         slab.ClipType.Position = [float(c - h) for c, h in zip(self.centre, half)]
         slab.ClipType.Length = [2 * h for h in half]
-        self.colour(view, slab, "Velocity", 0, 0.6 * self.speed, "speed [m/s]").LineWidth = 2.5
+        shown = self.colour(view, slab, "Velocity", 0, 0.6 * self.speed, "speed [m/s]")
+        shown.LineWidth, shown.PointSize = 2.5, 4
         self.add_sphere(view)
         self.save(view, "tracks.png", "Particle tracks within a quarter diameter of the sphere's middle plane, and the sphere found among them", 4.2)
 

@@ -1,4 +1,4 @@
-"""The command lines of `rimflow process` and `rimflow sensitivity`, checked before anything is computed."""
+"""The command lines of `rimflow process`, `rimflow sensitivity` and `rimflow convert`, checked before anything is computed."""
 import argparse
 import math
 import os
@@ -66,11 +66,13 @@ def steps(text):
     return slice(*numbers)
 
 
-def count(text):
-    """A whole number from 3 on."""
-    if not re.fullmatch(r"\d+", text) or int(text) < 3:
-        raise argparse.ArgumentTypeError(f"'{text}' must be a whole number from 3 on")
-    return int(text)
+def whole(least, most=2**31 - 1):
+    """Reads a whole number between the two."""
+    def read(text):
+        if not re.fullmatch(r"\d+", text) or not least <= int(text) <= most:
+            raise argparse.ArgumentTypeError(f"'{text}' must be a whole number from {least} on" + (f" to {most}" if most < 2**31 - 1 else ""))
+        return int(text)
+    return read
 
 
 def _parser(command, description):
@@ -78,23 +80,27 @@ def _parser(command, description):
     p = argparse.ArgumentParser(
         prog=f"rimflow {command}", formatter_class=argparse.ArgumentDefaultsHelpFormatter, description=description,
         epilog="Lengths take a unit (11.11mm, 0.01111m); everything else is SI. Times are the file's own.")
-    p.add_argument("tracks", nargs="+", metavar="TRACKS", help="track files: one with all snapshots, or one per snapshot")
+    p.add_argument("tracks", nargs="+", metavar="TRACKS", help="track files: one with all snapshots, or one per snapshot; or the .pvd that `rimflow convert` made of them")
     p.add_argument("--out", required=True, metavar="DIR", help="folder for the results; made if it is not there")
     p.add_argument("--diameter", required=True, type=length, help="of the sphere, with its unit")
     p.add_argument("--viscosity", type=positive, default=1.1e-6, help="kinematic, of the fluid, m2/s")
     p.add_argument("--spacing", type=length, default=None, help="of the grid for the fields; default: from the particle density")
     p.add_argument("--up", type=direction, default=None,
                    help="against gravity; default: 0,1,0, but for the published method the direction of the sphere's motion")
+    _add_which(p)
+    return p
+
+
+def _add_which(p):
     p.add_argument("--steps", type=steps, default=slice(None), metavar="a:b:s", help="slice of snapshot indices (default: all)")
     p.add_argument("--frame-period", type=positive, default=None, help="seconds between snapshots, where the files give no time")
-    return p
 
 
 def sensitivity_parser():
     p = _parser("sensitivity", "How far the found centre of the sphere moves when the method's parameters and the data are changed a little, "
                 "beside the limits of Jose et al. (2025), and which weights of the published cost function converge steadily.")
     p.add_argument("--method", choices=("likelihood", "published", "both"), default="both", help="what is studied")
-    p.add_argument("--snapshots", type=count, default=10, metavar="N", help="as many of the selected snapshots, evenly spread")
+    p.add_argument("--snapshots", type=whole(3), default=10, metavar="N", help="as many of the selected snapshots, evenly spread")
     p.add_argument("--studies", default="all", metavar="A,B", help="only these studies: " + ", ".join(STUDIES))
     return p
 
@@ -113,6 +119,20 @@ def parser():
     p.add_argument("--ranks", type=int, default=1, help="processes (MPI) that share the snapshots")
     p.add_argument("--resume", action="store_true", help="go on with an interrupted run in the same folder")
     p.add_argument("--images", action="store_true", help="also draw the sphere with its tracks and vortices (PNG)")
+    return p
+
+
+def convert_parser():
+    p = argparse.ArgumentParser(
+        prog="rimflow convert", usage="rimflow convert IN... OUT.pvd [options]",
+        description="From track files in any format to a series in binary, OUT.pvd, with one .vtp per snapshot in the folder OUT: "
+        "the same numbers, opened at once and at any snapshot by every ParaView.")
+    p.add_argument("files", nargs="+", metavar="FILE", help="the track files, and last the .pvd to write")
+    _add_which(p)
+    p.add_argument("--length-unit", choices=UNITS, default=None, help="of the positions (default: the files' own; mm where they have none)")
+    p.add_argument("--stride", type=whole(1), default=1, metavar="N", help="only every N-th track")
+    p.add_argument("--min-length", type=whole(1, 65535), default=1, metavar="N", help="only tracks that appear in N or more snapshots")
+    p.add_argument("--resume", action="store_true", help="go on with an interrupted conversion")
     return p
 
 
@@ -135,13 +155,42 @@ def parse_sensitivity(arguments):
     return options
 
 
-def _checked(options):
+def parse_convert(arguments):
+    """The same for `rimflow convert`: `tracks` and `out`."""
+    options = convert_parser().parse_intermixed_args(arguments)
+    *options.tracks, options.out = options.files
+    if not is_series(options.out):
+        raise UsageError(f"the last file is {options.out}; it must be the name of the result, which ends in .pvd")
+    if not options.tracks:
+        raise UsageError(f"there are no track files before {options.out}")
+    _check_tracks(options)
+    if is_series(options.tracks[0]):
+        raise UsageError(f"{options.tracks[0]} is a series already; give track files")
+    options.out = os.path.abspath(options.out)
+    if not os.path.isdir(os.path.dirname(options.out)):
+        raise UsageError(f"there is no folder {os.path.dirname(options.out)}")
+    return options
+
+
+def is_series(name):
+    """Whether it names a series of ParaView's."""
+    return name.lower().endswith(".pvd")
+
+
+def _check_tracks(options):
     missing = [f for f in options.tracks if not os.path.isfile(f)]
     if missing:
         raise UsageError(f"{len(missing)} of {len(options.tracks)} track files cannot be found, the first is {missing[0]}")
+    series = [f for f in options.tracks if is_series(f)]
+    if series and len(options.tracks) > 1:
+        raise UsageError(f"{series[0]} is a series and must be the only file; there are {len(options.tracks)}")
+    options.tracks = [os.path.abspath(f) for f in options.tracks]
+
+
+def _checked(options):
+    _check_tracks(options)
     if os.path.exists(options.out) and not os.path.isdir(options.out):
         raise UsageError(f"--out is {options.out}, which is a file; name a folder")
-    options.tracks = [os.path.abspath(f) for f in options.tracks]
     options.out = os.path.abspath(options.out)
     return options
 
@@ -161,3 +210,14 @@ def gravity(options):
     """9.81 m/s2 against the upward direction, as a vector in m/s2."""
     up = options.up or (0.0, 1.0, 0.0)
     return [0.0 - 9.81 * u / math.hypot(*up) for u in up]
+
+
+def convert_settings(options):
+    """What decides the result of a conversion; the files with size and time of change."""
+    states = [(name, os.stat(name)) for name in options.tracks]
+    return {
+        "tracks": [[name, state.st_size, state.st_mtime_ns] for name, state in states],
+        "frame_period_s": options.frame_period, "length_unit": options.length_unit,
+        "steps": [options.steps.start, options.steps.stop, options.steps.step],
+        "stride": options.stride, "min_length": options.min_length,
+    }

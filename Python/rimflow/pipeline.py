@@ -15,8 +15,10 @@ from vtkmodules.vtkFiltersSources import vtkSphereSource
 from vtkmodules.vtkIOXML import vtkXMLImageDataWriter, vtkXMLPolyDataReader, vtkXMLPolyDataWriter
 from vtkmodules.vtkParallelCore import vtkMultiProcessController
 
+from paraview.modules.vtkPVVTKExtensionsIOCore import vtkPVDReader
+
 from rimflow import files
-from rimflow.options import UsageError, gravity
+from rimflow.options import UsageError, gravity, is_series
 from rimflow.vtkRIMFlowFilters import (vtkInvisibleSphereLocator, vtkOmni3DPressure, vtkQCriterion, vtkSurfaceForce, vtkTrajectorySmoother,
                                        vtkVICSharpResample)
 from rimflow.vtkRIMFlowReaders import vtkSphereTrajectoryWriter, vtkSTBTrackReader
@@ -73,16 +75,39 @@ class Errors:
             raise PipelineError("; ".join(dict.fromkeys(messages)))
 
 
+def track_reader(names, frame_period=None):
+    """A reader of track files, or of a series that `rimflow convert` made of them."""
+    if is_series(names[0]):
+        reader = vtkPVDReader()
+        reader.SetFileName(names[0])
+        return reader
+    reader = vtkSTBTrackReader()
+    for name in names:
+        reader.AddFileName(name)
+    if frame_period:
+        reader.SetFramePeriod(frame_period)
+    return reader
+
+
+def times(reader, errors, name):
+    """The times of the snapshots in the files, s. name: of the first file, for the message."""
+    reader.UpdateInformation()
+    try:
+        errors.check()
+    except PipelineError as error:
+        raise UsageError(str(error)) from None
+    steps = reader.GetOutputInformation(0).Get(vtkStreamingDemandDrivenPipeline.TIME_STEPS())
+    if not steps:
+        raise UsageError(f"{name} holds no snapshot")
+    return list(steps)
+
+
 class Chain:
     """Tracks -> locator, for any time of the file."""
 
     def __init__(self, options):
         self.options, self.errors = options, Errors()
-        self.reader = vtkSTBTrackReader()
-        for name in options.tracks:
-            self.reader.AddFileName(name)
-        if options.frame_period:
-            self.reader.SetFramePeriod(options.frame_period)
+        self.reader = track_reader(options.tracks, options.frame_period)
         self.locator = vtkInvisibleSphereLocator()
         self.locator.SetInputConnection(0, self.reader.GetOutputPort())
         self.locator.SetDiameter(options.diameter)
@@ -96,15 +121,7 @@ class Chain:
 
     def times(self):
         """The times of the snapshots in the files, s."""
-        self.reader.UpdateInformation()
-        try:
-            self.errors.check()
-        except PipelineError as error:
-            raise UsageError(str(error)) from None
-        steps = self.reader.GetOutputInformation(0).Get(vtkStreamingDemandDrivenPipeline.TIME_STEPS())
-        if not steps:
-            raise UsageError(f"{self.options.tracks[0]} holds no snapshot")
-        return list(steps)
+        return times(self.reader, self.errors, self.options.tracks[0])
 
     def locate(self, time):
         """What the locator says of one snapshot, as plain numbers."""
@@ -122,7 +139,7 @@ class Chain:
         if flow:
             self.flow[1].UpdateTimeStep(time)
         self.errors.check()
-        return _kept(self.reader.GetOutput()), _kept(self.flow[1].GetOutput()) if flow else None
+        return kept(self.reader.GetOutputDataObject(0)), kept(self.flow[1].GetOutput()) if flow else None
 
 
 def flow_filters(reader, options):
@@ -189,7 +206,7 @@ class FlowChain:
                 numbers, flow.note = force_row(self.force.GetOutputDataObject(1))
                 if numbers["drag_N"] is None:
                     raise PipelineError(flow.note)
-                flow.forces, flow.surface = numbers, _kept(self.force.GetOutputDataObject(0))
+                flow.forces, flow.surface = numbers, kept(self.force.GetOutputDataObject(0))
                 flow.surface.GetFieldData().AddArray(body.GetFieldData().GetArray("Acceleration"))
         except PipelineError as error:
             flow.failed = str(error)
@@ -213,7 +230,7 @@ def force_row(table):
 
 
 def _with_arrays(image, names):
-    copy = _kept(image)
+    copy = kept(image)
     points = copy.GetPointData()
     for name in [points.GetArrayName(i) for i in range(points.GetNumberOfArrays())]:
         if name not in names:
@@ -221,7 +238,7 @@ def _with_arrays(image, names):
     return copy
 
 
-def _kept(data):
+def kept(data):
     copy = data.NewInstance()
     copy.ShallowCopy(data)
     return copy
@@ -334,7 +351,7 @@ def body(trajectory, row):
 def wall(body_data):
     """The Body as the flow is to follow it: without an acceleration that is not significant. The wall's acceleration is taken for
     certain; that of a few snapshots is not, and would falsify the pressure and the momentum balance."""
-    copy = _kept(body_data)
+    copy = kept(body_data)
     arrays = copy.GetFieldData()
     if arrays.GetArray("Acceleration") and not significant(*(vtk_to_numpy(arrays.GetArray(name))[0] for name in ("Acceleration", "AccelerationSigma"))):
         arrays.RemoveArray("Acceleration")
@@ -402,25 +419,29 @@ def surface_pressure(path):
     return vtk_to_numpy(surface.GetPoints().GetData()).astype(float), vtk_to_numpy(surface.GetPointData().GetArray("Pressure")).astype(float)
 
 
-def write_polydata(path, data):
-    _write(vtkXMLPolyDataWriter(), path, data)
+def write_polydata(path, data, compressed=True):
+    _write(vtkXMLPolyDataWriter(), path, data, compressed)
 
 
 def write_image(path, data):
     _write(vtkXMLImageDataWriter(), path, data)
 
 
-def _write(writer, path, data):
+def _write(writer, path, data, compressed=True):
     errors = Errors()
     errors.watch(writer)
     with files.replacing(path) as temporary:
         writer.SetFileName(temporary)
         writer.SetInputData(data)
-        # Not appended: with the expat of Debian's security updates VTK 9.2 does not find appended data again.
-        writer.SetDataModeToBinary()
+        writer.SetHeaderTypeToUInt64()
+        writer.SetDataModeToAppended()
+        writer.EncodeAppendedDataOff()
+        if not compressed:
+            writer.SetCompressorTypeToNone()
         done = writer.Write()
         if not done or errors.messages:
             raise OSError(None, "could not be written, is the disk full? " + "; ".join(errors.messages), path)
+        files.space_before_appended_data(temporary)
 
 
 def version():
