@@ -14,7 +14,6 @@ set(rimflow_parsers
   Readers/OpenLPTTracks.cxx
   Readers/OpenPTVTracks.cxx
   Readers/ParticleStore.cxx
-  Readers/SphereMotion.cxx
   Readers/SphereTrajectoryFile.cxx
   Readers/TableHead.cxx
   Readers/TableTracks.cxx
@@ -33,6 +32,7 @@ set(rimflow_parsers
 add_library(rimflow_kernels STATIC
   ${rimflow_parsers}
   Readers/AnalyticFlows.cxx
+  Readers/SphereMotion.cxx
   Readers/TrackDerivatives.cxx
   Readers/TrackNoise.cxx
   Readers/TrackPathlines.cxx

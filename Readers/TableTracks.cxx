@@ -116,7 +116,8 @@ TrackTableFormat tableFormat() {
     l.columns = header->names;
     const TimeColumn clock = findTimeColumn(l.columns);
     if (clock.unit == TimeColumn::Unit::NotKnown)
-      throw std::runtime_error("line 1: the unit of column " + printable(l.columns[std::size_t(clock.index)]) +
+      throw std::runtime_error("line 1: the unit of column " +
+                               printable(l.columns[std::size_t(clock.index)]) +
                                " is not known; expected [s], [ms], [us], [ns] or [frame]. Correct it in the "
                                "header.");
     l.frame = clock.index;

@@ -271,17 +271,15 @@ TrackNoise TrackSeries::noise(const Progress& progress) {
 }
 
 TrackNoise TrackSeries::noiseAround(std::size_t middle, const Progress& progress) {
-  const TrackWindow window = around(middle, noiseReach, progress);
+  const TrackWindow window = around(middle, noiseSnapshots / 2, progress);
+  if (!estimated(middle)) return measureTrackNoise(window);
+  const TrackSnapshot& given = *window.snapshots[window.current];
+  TrackSnapshot positions = given;
+  const DerivativeGain gain = estimateDerivatives(window, settings.polynomial, positions);
+  if (given.velocity.empty() || settings.estimate == Estimate::Always)
+    return measureTrackNoise(window, settings.polynomial, gain);
   TrackNoise noise = measureTrackNoise(window);
-  if (estimated(middle)) {
-    const DerivativeGain gain = derivativeGain(window.times, window.current, settings.polynomial);
-    const TrackColumnPlan& plan = tracks->columns(line.entries[middle], settings.units.length);
-    const bool all = settings.estimate == Estimate::Always;
-    if (all || !plan.hasVelocity) noise.velocity = noise.position * gain.velocity;
-    if (all || !plan.hasAcceleration)
-      noise.acceleration =
-          all || !plan.hasVelocity ? noise.position * gain.acceleration : noise.velocity * gain.velocity;
-  }
+  noise.acceleration = noise.velocity * gain.velocity; // as a first derivative of the velocities
   return noise;
 }
 

@@ -152,7 +152,7 @@ public:
 
   ///@{
   /// Order of that polynomial, and to how many points of a track it is fitted: more points mean less noise
-  /// and less resolution in time. Defaults 3 and 7; the order is 2 to 5, the window odd and larger.
+  /// and less resolution in time. Defaults 2 and 9; the order is 2 to 5, the window odd and larger.
   vtkSetClampMacro(PolynomialOrder, int, 2, 5);
   vtkGetMacro(PolynomialOrder, int);
   vtkSetClampMacro(PolynomialWindow, int, 3, 31);
@@ -186,8 +186,8 @@ protected:
   double TimeRange[2] = {0, 1};
   bool TrackStatistics = false;
   int EstimateVelocities = MISSING;
-  int PolynomialOrder = 3;
-  int PolynomialWindow = 7;
+  int PolynomialOrder = 2;
+  int PolynomialWindow = 9;
   int CacheSize = 256;
 
 private:
