@@ -1,5 +1,7 @@
 #include "TimeColumn.h"
 
+#include "TrackColumns.h"
+
 #include <algorithm>
 #include <cctype>
 
@@ -25,9 +27,9 @@ bool isTime(const std::string& plain) {
 }
 
 // 0: not known.
-double secondsPer(const std::string& unit) {
-  if (unit == "s" || unit == "sec" || unit == "seconds") return 1;
-  return unit == "ms" ? 1e-3 : unit == "us" ? 1e-6 : unit == "ns" ? 1e-9 : 0;
+double secondsPer(const std::string& label, const std::string& plain) {
+  if (const auto perSecond = unitInSI("m/" + label, 1)) return 1 / *perSecond;
+  return plain == "sec" || plain == "seconds" ? 1 : plain == "ns" ? 1e-9 : 0;
 }
 
 void setUnit(TimeColumn& column) {
@@ -35,7 +37,7 @@ void setUnit(TimeColumn& column) {
   const std::string plain = letters(column.label);
   if (countsFrames(plain)) {
     column.unit = Unit::Frames;
-  } else if (const double seconds = secondsPer(plain); seconds > 0) {
+  } else if (const double seconds = secondsPer(column.label, plain); seconds > 0) {
     column.unit = Unit::Seconds;
     column.seconds = seconds;
   } else {
