@@ -109,7 +109,10 @@ TEST(OpenLPT, RowsTrackByTrackBecomeSnapshots) {
   const TrackSnapshot s = series.read(1);
   EXPECT_EQ(s.trackId, (Ids{0, 7}));
   expectNear(s.position, {1e-3, -1e-3, 2e-3, 4e-3, -4e-3, 8e-3});
-  EXPECT_TRUE(s.velocity.empty() && s.acceleration.empty() && s.intensity.empty() && s.further.empty());
+  EXPECT_TRUE(s.velocity.empty() && s.acceleration.empty() && s.intensity.empty());
+  ASSERT_EQ(s.further.size(), 1u); // the cameras are left out
+  EXPECT_EQ(s.further[0].name, "R3D");
+  EXPECT_EQ(s.further[0].values, (std::vector<double>{0.01, 0.01}));
   EXPECT_EQ(series.read(2).trackId, (Ids{0, 2}));
   expectNear(series.read(0, {LengthUnit::Metre, 0}).position, {3, -3, 6});
   EXPECT_EQ(series.warnings, Strings());
@@ -183,7 +186,8 @@ TEST(OpenLPT, ManyBlocksEqualOne) {
         FrameTracks tracks(line ? openLPTLineFormat() : openLPTFormat(), {block, memory});
         ASSERT_TRUE(tracks.open({folder.write("t.csv", line ? oneLine : lines)}));
         if (memory == 0) {
-          EXPECT_EQ(tracks.bytesOnDisk(), 20 * std::size_t(rows)); // three floats and an id
+          // Three floats and an id, and R3D.
+          EXPECT_EQ(tracks.bytesOnDisk(), (line ? 20 : 28) * std::size_t(rows));
         }
         EXPECT_EQ(tracks.bytesOnDisk() > 0, memory < (1 << 20));
         Strings warnings;
@@ -406,6 +410,64 @@ TEST(Table, ColumnsOfTextAreLeftOut) {
   EXPECT_EQ(s.further[0].values, (std::vector<double>{0.5, 0.25}));
 }
 
+// A particle without its position, velocity, id or frame is left out and counted; what else is missing is
+// NaN.
+TEST(Table, ValuesMayBeMissingBetweenCommasOrSemicolons) {
+  Folder folder;
+  const std::string rows = "7,0,1,2,3,4,5,6,0.5,a b\n" // whole
+                           "8,0,1,2,3,4,5,6,,\n"       // q and the note are missing
+                           "9,0,,2,3,4,5,6,0.5,c\n"    // no position
+                           ",0,1,2,3,4,5,6,0.5,c\n"    // no id
+                           "11,,1,2,3,4,5,6,0.5,c\n"   // no frame
+                           "12,0,1,2,3,4,,6,0.5,c\n"   // no velocity
+                           "13, 0 ,1,2,3,4,5,6,None,\"d,e\"\r\n"
+                           "14,1,\"1.5\",2,3,4,5,6,N/A,f"; // no line end
+  for (const char delimiter : {',', ';'}) {
+    std::string text = "id,frame,x,y,z,u,v,w,q,note\n" + rows;
+    if (delimiter == ';') std::replace(text.begin(), text.end(), ',', ';');
+    Series series({folder.write("t.csv", text)});
+    const TrackSnapshot s = series.read(0);
+    EXPECT_EQ(s.trackId, (Ids{7, 8, 13})) << text;
+    expectNear(s.position, {1e-3, 2e-3, 3e-3, 1e-3, 2e-3, 3e-3, 1e-3, 2e-3, 3e-3});
+    ASSERT_EQ(s.further.size(), 1u);
+    EXPECT_EQ(s.further[0].name, "q");
+    EXPECT_EQ(s.further[0].values[0], 0.5);
+    EXPECT_TRUE(std::isnan(s.further[0].values[1]) && std::isnan(s.further[0].values[2]));
+    expectNear(series.read(1).position, {1.5e-3, 2e-3, 3e-3});
+    ASSERT_EQ(series.warnings.size(), 1u);
+    expectParts(series.warnings[0], {"t.csv, line 4: 4 of 8 particles left out", "missing"});
+  }
+  for (const char* missing : {"", "nan", "NaN", "None", "null", "NA", "N/A", "-"}) {
+    const std::string value = missing;
+    Series byFile({folder.write("p.csv", "x,y,z,id\n" + value + ",2,3,4\n1,2,3,5\n1,2,3," + value + "\n")});
+    EXPECT_EQ(byFile.read(0).trackId, (Ids{5})) << value;
+    expectParts(byFile.warnings.at(0), {"p.csv, line 2: 2 of 3 particles left out"});
+  }
+  // Many of them, so that they are in several chunks.
+  std::string many = "frame,id,x,y,z,mass\n";
+  for (long i = 0; i < 40000; ++i) many += "1," + std::to_string(i) + (i % 2 ? ",1,2,,5\n" : ",1,2,3,\n");
+  Series chunks({folder.write("many.csv", many)});
+  EXPECT_EQ(chunks.read(0).size(), 20000u);
+  EXPECT_EQ(chunks.read(0).trackId.back(), 39998);
+  // Between blanks or tabs nothing tells which value is missing.
+  expectParts(errorOf({folder.write("t.txt", "id\tframe\tx\ty\tz\n1\t1\t1\t2\t3\n1\t2\t\t2\t3\n")}),
+              {"t.txt, line 3: found 4 values in the row", "expected 5"});
+  expectParts(errorOf({folder.write("t.csv", "id,frame,x,y,z\n1,1,1,2,3\n1,2,,2\n")}),
+              {"t.csv, line 3: found 3 values in the row", "expected 5"});
+}
+
+TEST(Table, TheUnitOfTheTimeIsKnownOrAskedFor) {
+  Folder folder;
+  EXPECT_EQ(Series({folder.write("t.csv", "t[frame],id,x,y,z\n3,1,1,2,3\n")}).line.times,
+            (std::vector<double>{1.5}));
+  EXPECT_EQ(Series({folder.write("t.csv", "t [s],id,x,y,z\n3,1,1,2,3\n")}).line.times,
+            (std::vector<double>{3}));
+  EXPECT_EQ(Series({folder.write("t.csv", "time[h],frame,id,x,y,z\n3,4,1,1,2,3\n")}).line.times,
+            (std::vector<double>{2}));
+  expectParts(errorOf({folder.write("t.csv", "time[h],id,x,y,z\n3,1,1,2,3\n")}),
+              {"t.csv, line 1: the unit of column \"time[h]\" is not known", "[frame]", "Correct"});
+}
+
 TEST(Table, UnknownUnitOfTheFileCanBeChosen) {
   Folder folder;
   const std::string file = folder.write("t.csv", "frame,id,x[px],y[px],z[px]\n1,2,3,4,5\n");
@@ -498,7 +560,7 @@ TEST(TrackFormatsDamage, EveryKindNamesFileLineAndRemedy) {
   expectParts(errorOf({folder.write("t.csv", "id,frame,x,y,z\n1.5,1,2,3,4\n")}),
               {"t.csv, line 2: found \"1.5\" in column \"id\"", "whole number"});
   expectParts(errorOf({folder.write("t.csv", "id,frame,x,y,z\n1,nan,2,3,4\n")}),
-              {"t.csv: column \"frame\"", "NaN", "line 2", "Repair"});
+              {"t.csv, line 2: 1 of 1 particles left out", "NaN"});
   expectParts(errorOf({folder.write("t.csv", "id;frame;x;y;z\n1;1;2,5;3,5;4,5\n")}),
               {"t.csv, line 2: ", "decimal points"});
   expectParts(errorOf({folder.write("t.csv", "id,frame,x,y,z\n")}),
