@@ -34,8 +34,9 @@ struct Separators {
 };
 constexpr Separators isSeparator;
 
-// A block of values without line ends as rows: every `columns`-th separator becomes a line end. The block
-// ends with a whole row, so that byte n of the result stands for byte p + n of the text.
+// A block of values without line ends as rows: every `columns`-th separator becomes a line end. A line end
+// elsewhere is left, so that a row with a wrong number of values cannot shift all that follow. The block ends
+// with a whole row, and byte n of the result stands for byte p + n of the text.
 std::string asRows(std::string_view text, std::size_t p, std::size_t bytes, std::size_t columns) {
   std::string rows(text.substr(p, bytes + longestTrackLine + 1));
   std::size_t values = 0;
@@ -46,7 +47,7 @@ std::string asRows(std::string_view text, std::size_t p, std::size_t bytes, std:
       continue;
     }
     values += inValue;
-    const bool whole = inValue && values == columns;
+    const bool whole = (inValue && values == columns) || (rows[i] == '\n' && values > 0);
     rows[i] = whole ? '\n' : ',';
     inValue = false;
     if (!whole) continue;

@@ -89,8 +89,8 @@ std::optional<std::string> duplicateIds(const TrackSnapshot& snapshot) {
 
 std::string notFiniteWarning(std::int64_t leftOut, std::int64_t rows, const std::string& where) {
   return std::to_string(leftOut) + " of " + std::to_string(rows) + " particles left out of " + where +
-         ", the first one here: a position, velocity, acceleration or id is "
-         "NaN or infinite. Check the export if these particles matter.";
+         ", the first one here: a position, velocity, acceleration, id or "
+         "frame is missing, NaN or infinite. Check the export if these particles matter.";
 }
 
 std::string framePeriodWords(double framePeriod) {

@@ -57,6 +57,37 @@ TEST(TrackColumns, NamesInAnyFormAndOrder) {
   EXPECT_EQ(meaning(plan({"x", "y", "z", "Vx", "Vy", "Vz", "V"})), "p0p1p2v0v1v2F");
 }
 
+TEST(TrackColumns, NamesOfOtherPrograms) {
+  const auto paraview = plan({"TrackId", "Velocity:0", "Velocity:1", "Velocity:2", "Acceleration_0",
+                              "Acceleration_1", "Acceleration_2", "Points:2", "Points:1", "Points:0"});
+  EXPECT_EQ(meaning(paraview), "Tv0v1v2a0a1a2p2p1p0");
+  EXPECT_EQ(paraview.columns[7].scale, 1.0); // what was read here is saved in metres
+  ASSERT_EQ(paraview.warnings.size(), 1u);
+  EXPECT_NE(paraview.warnings[0].find("taken for metres"), std::string::npos);
+  EXPECT_EQ(plan({"Points:0", "Points:1", "Points:2", "id"}, LengthUnit::Millimetre).columns[0].scale, 1e-3);
+  EXPECT_EQ(meaning(plan({"y", "x", "mass", "size", "frame", "particle", "z"})), "p1p0FFFTp2"); // trackpy
+  EXPECT_EQ(meaning(plan({"trajectory", "x", "y", "z", "vel_x", "vel_y", "vel_z", "accx", "accy", "accz"})),
+            "Tp0p1p2v0v1v2a0a1a2");
+  EXPECT_EQ(meaning(plan({"traj_id", "X", "Y", "Z", "u_x", "u_y", "u_z"})), "Tp0p1p2v0v1v2");
+}
+
+TEST(TrackColumns, TheMoreExactNameWins) {
+  EXPECT_EQ(meaning(plan({"id", "particle", "track_id", "x", "y", "z"})), "FFTp0p1p2");
+  EXPECT_EQ(meaning(plan({"id", "particle", "x", "y", "z"})), "FTp0p1p2");
+  EXPECT_EQ(meaning(plan({"x", "y", "z", "ux", "uy", "uz", "vx", "vy", "vz"})), "p0p1p2FFFv0v1v2");
+  EXPECT_EQ(meaning(plan({"x", "y", "z", "u(x)", "u(y)", "u(z)"})), "p0p1p2FFF"); // uncertainties
+  EXPECT_EQ(meaning(plan({"Points:0", "Points:1", "Points:2", "x", "y", "z"})), "FFFp0p1p2");
+}
+
+TEST(TrackColumns, NamesAndMessagesHaveNoControlCharacters) {
+  const std::vector<std::string> names = {"x", "y\x01[mm]", "a\nb", "c\x1b[31m"};
+  for (const std::string& text : {plan(names).error, plan({"x", "y", "z", "a\nb"}).furtherNames.at(0)})
+    for (const char c : text) EXPECT_GE(c, ' ') << text;
+  EXPECT_EQ(plainText("caf\xC3\xA9\t", 4), "caf"); // not in the middle of a character
+  EXPECT_EQ(plainText("caf\xC3\xA9\t", 5), "caf\xC3\xA9");
+  EXPECT_LT(plan(std::vector<std::string>(10000, "name")).error.size(), 1000u);
+}
+
 TEST(TrackColumns, UnitsBecomeSI) {
   EXPECT_EQ(unitInSI("m", 0), 1.0);
   EXPECT_EQ(unitInSI("mm", 0), 1e-3);
