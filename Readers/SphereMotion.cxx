@@ -70,6 +70,7 @@ SphereMotion::SphereMotion(std::vector<double> times, std::vector<Eigen::Vector3
   }
   if (counted == 0) return;
   const Eigen::Vector3d sigma = (variance / double(counted)).cwiseSqrt();
+  if (sigma.norm() < options.leastSigma) return;
   for (std::size_t i = 0; i < times_.size(); ++i) {
     rows_[i].sigma = factor[0][i] * sigma;
     rows_[i].velocitySigma = factor[1][i] * sigma;

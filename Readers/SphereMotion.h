@@ -7,8 +7,9 @@
 namespace rimflow {
 
 struct SphereMotionOptions {
-  int order = 3;   ///< of the local polynomial, 2 to 5
-  int window = 15; ///< typical row intervals + 1 that it spans, > order
+  int order = 3;         ///< of the local polynomial, 2 to 5
+  int window = 15;       ///< typical row intervals + 1 that it spans, > order
+  double leastSigma = 0; ///< m: residuals smaller than this are no noise
 };
 
 /// What is known of the sphere at one time. A vector that is not known is no number.
@@ -32,7 +33,8 @@ struct SphereState {
 /// farther apart than the window, and before the first and after the last row, the sphere is lost.
 ///
 /// Standard deviations come from the residuals of the fits over the whole trajectory, for errors that are
-/// independent from row to row: where the rows were smoothed before, they are too small.
+/// independent from row to row: where the rows were smoothed before, they are too small. Rows that hardly
+/// scatter at all (leastSigma) tell no standard deviations.
 class SphereMotion {
 public:
   /// times: s, strictly increasing; centres: m, not numbers where lost. Throws std::invalid_argument for

@@ -344,7 +344,7 @@ std::string textOf(const SphereTrajectory& t) {
   for (char& c : title)
     if (c == '"' || c == '\n' || c == '\r') c = '\'';
   char diameter[64]; // 15 digits: 9.53, although 9.53 mm are 0.009530000000000001 m
-  const char* end =
+  char* const end =
       std::to_chars(diameter, diameter + sizeof diameter, 1e3 * t.diameter, std::chars_format::general, 15)
           .ptr;
   std::string text =

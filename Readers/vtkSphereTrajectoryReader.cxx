@@ -27,6 +27,10 @@ namespace {
 using rimflow::CentreStatus;
 using rimflow::SphereState;
 
+// No measurement knows a sphere's centre to a millionth of its diameter: a path that scatters less was
+// smoothed before, and says nothing of its error.
+constexpr double LeastNoise = 1e-6;
+
 struct Row {
   double time;
   SphereState state;
@@ -116,10 +120,17 @@ struct vtkSphereTrajectoryReader::Opened {
     for (const double t : motion->times())
       if (const Row row = at(t); row.state.status != CentreStatus::Lost) rows.push_back(row);
     trajectory = pointsOf(rows, file.diameter);
-    vtkNew<vtkCellArray> line;
-    line->InsertNextCell(int(rows.size()));
-    for (std::size_t i = 0; i < rows.size(); ++i) line->InsertCellPoint(vtkIdType(i));
-    if (!rows.empty()) trajectory->SetLines(line);
+    // one line from loss to loss
+    vtkNew<vtkCellArray> lines, vertices;
+    for (std::size_t begin = 0, end = 0; begin < rows.size(); begin = end) {
+      for (end = begin + 1; end < rows.size(); ++end)
+        if (motion->at(0.5 * (rows[end - 1].time + rows[end].time)).status == CentreStatus::Lost) break;
+      vtkCellArray* cells = end - begin > 1 ? lines : vertices;
+      cells->InsertNextCell(int(end - begin));
+      for (std::size_t i = begin; i < end; ++i) cells->InsertCellPoint(vtkIdType(i));
+    }
+    trajectory->SetVerts(vertices);
+    trajectory->SetLines(lines);
   }
 };
 
@@ -157,7 +168,8 @@ int vtkSphereTrajectoryReader::RequestInformation(vtkInformation*, vtkInformatio
           warnings);
       fresh->motion = std::make_unique<rimflow::SphereMotion>(
           fresh->file.time, fresh->file.centre,
-          rimflow::SphereMotionOptions{this->PolynomialOrder, this->PolynomialWindow});
+          rimflow::SphereMotionOptions{this->PolynomialOrder, this->PolynomialWindow,
+                                       LeastNoise * fresh->file.diameter});
       fresh->buildTrajectory();
       this->Open = std::move(fresh);
       for (const std::string& w : warnings) vtkWarningMacro(<< w);

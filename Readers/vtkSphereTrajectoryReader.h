@@ -15,8 +15,9 @@
  * `DensityRatio` (solid over fluid) when the file has it.
  *
  * At a time between two rows the centre is interpolated; velocity and acceleration, which the file does not
- * have, and the standard deviations come from local polynomials through the rows: SphereMotion.h. Rows whose
- * errors are known better (or a noisy path): Trajectory Smoother on output 2.
+ * have, come from local polynomials through the rows (SphereMotion.h). So do the standard deviations, from
+ * how the rows scatter around them: too small for a path that was smoothed before, and left out when the rows
+ * scatter by less than a millionth of the diameter.
  *
  * On an error the outputs are empty and the message says file, line, what was found, what was expected and
  * what to do. A warning is given once for each file.

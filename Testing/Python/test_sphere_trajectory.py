@@ -53,7 +53,7 @@ class TestSphereTrajectory(unittest.TestCase):
 
     def test_is_the_same_body_as_one_made_by_hand(self):
         tracks = vtkSyntheticTracks()
-        tracks.SetDensity(8e7)
+        tracks.SetDensity(4e7)
         tracks.SetNumberOfSnapshots(6)
         times, centres = true_path(tracks)
         write(self.file("sphere.dat"), times, centres)
@@ -69,7 +69,8 @@ class TestSphereTrajectory(unittest.TestCase):
         for body in ("file", "hand"):
             flow, pressure, force = vtkVICSharpResample(), vtkOmni3DPressure(), vtkSurfaceForce()
             flow.SetInputConnection(0, tracks.GetOutputPort())
-            flow.SetMaximumIterations(10)
+            flow.SetMaximumIterations(5)
+            flow.SetSpacing(0.0015)
             pressure.SetInputConnection(0, flow.GetOutputPort())
             force.SetInputConnection(0, pressure.GetOutputPort())
             for step in (flow, pressure, force):
@@ -83,9 +84,11 @@ class TestSphereTrajectory(unittest.TestCase):
         self.assertGreater(fields["Mask"].sum(), 100)
         np.testing.assert_array_equal(fields["Mask"], fields_by_hand["Mask"])
         np.testing.assert_allclose(fields["Velocity"], fields_by_hand["Velocity"], atol=1e-6)
-        self.assertGreater(numbers["drag_N"], 0)
-        for name in ("drag_N", "lift_N", "Fp_y_N", "Fv_y_N", "Fcv_y_N", "Cd"):
-            self.assertAlmostEqual(numbers[name], numbers_by_hand[name], delta=1e-5 * numbers["drag_N"] + 1e-4 * abs(numbers_by_hand[name]), msg=name)
+        names = [f"{force}_{axis}_N" for force in ("Fp", "Fv", "Fcv") for axis in "xyz"] + ["drag_N", "lift_N"]
+        size = max(abs(numbers_by_hand[name]) for name in names)
+        self.assertGreater(size, 0)
+        for name in names:
+            self.assertAlmostEqual(numbers[name], numbers_by_hand[name], delta=1e-4 * size, msg=name)
 
     def test_what_is_saved_reads_back_the_same(self):
         tracks = simple.SyntheticTracks(Density=8e7, NumberOfSnapshots=8, PositionNoise=5e-6, Seed=3)
