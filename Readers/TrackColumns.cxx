@@ -297,7 +297,8 @@ TrackColumnPlan planTrackColumns(const std::vector<std::string>& names, LengthUn
   plan.hasAcceleration = count(3) == 3 && unitKnown[3];
   if (count(2) == 0)
     plan.warnings.push_back("there are no velocities among the VARIABLES " + list(names) +
-                            "; the particles come without Velocity. Export Vx, Vy and Vz too");
+                            "; they are estimated from the positions of each track, if there are track ids. "
+                            "Export Vx, Vy and Vz to have the tracker's own");
   for (int kind : {2, 3})
     if (count(kind) > 0 && count(kind) < 3)
       plan.warnings.push_back("there is no column " + missing(kind) + ", so there is no " +

@@ -188,9 +188,10 @@ struct vtkSTBTrackReader::Series {
     const std::size_t trail = std::size_t(self->TrailLength);
     if (self->OutputMode == PARTICLES)
       particles(snapshot, output);
-    else if (trail > 0)
+    else if (trail > 0) {
+      series.particles(snapshot, progress(0, 0.1)); // an error, if the current one is damaged
       pathlines(std::max(series.first() + trail, snapshot + 1) - trail, snapshot, output);
-    else {
+    } else {
       if (wholeMTime != self->GetMTime()) {
         wholePathlines->Initialize();
         pathlines(series.first(), series.last(), wholePathlines);

@@ -49,6 +49,10 @@ vtkIdType snapshotIndex(vtkSTBTrackReader* reader) {
   auto* index = vtkIdTypeArray::SafeDownCast(reader->GetOutput()->GetFieldData()->GetArray("SnapshotIndex"));
   return index ? index->GetValue(0) : -1;
 }
+double fieldNumber(vtkSTBTrackReader* reader, const char* name) {
+  vtkDataArray* array = reader->GetOutput()->GetFieldData()->GetArray(name);
+  return array ? array->GetComponent(0, 0) : std::nan("");
+}
 void expectEqual(vtkPolyData* a, vtkPolyData* b) {
   ASSERT_EQ(a->GetNumberOfPoints(), b->GetNumberOfPoints());
   ASSERT_EQ(a->GetNumberOfCells(), b->GetNumberOfCells());
@@ -155,7 +159,7 @@ TEST(VtkSTBTrackReader, ReadsTheSamplesOfOneFilePerSnapshot) {
       reader->UpdateTimeStep(times[k]);
       one->UpdateTimeStep(oneTimes[k]);
       vtkPointData* arrays = reader->GetOutput()->GetPointData();
-      EXPECT_EQ(arrays->HasArray("Acceleration"), old ? 0 : 1);
+      EXPECT_TRUE(arrays->HasArray("Acceleration")); // the old layout has none: estimated
       if (!old) expectEqual(reader->GetOutput(), one->GetOutput());
       ASSERT_EQ(reader->GetOutput()->GetNumberOfPoints(), one->GetOutput()->GetNumberOfPoints());
       for (const char* name : {"Velocity", "TrackId"})
@@ -389,8 +393,11 @@ TEST(VtkSTBTrackReader, ErrorsEmptyTheOutputAndOtherSnapshotsStayReadable) {
   EXPECT_EQ(reader->GetOutput()->GetNumberOfPoints(), 1);
   EXPECT_FALSE(observed.observer->GetError());
   reader->SetOutputMode(vtkSTBTrackReader::PATHLINES);
-  reader->Update();
-  EXPECT_TRUE(observed.saw("t.dat, line 14")); // the window needs it
+  reader->Update(); // the tracks count as absent in the damaged snapshot
+  EXPECT_FALSE(observed.observer->GetError());
+  EXPECT_EQ(reader->GetOutput()->GetNumberOfPoints(), 3);
+  reader->UpdateTimeStep(times[1]);
+  EXPECT_TRUE(observed.saw("t.dat, line 14"));
   EXPECT_EQ(reader->GetOutput()->GetNumberOfPoints(), 0);
   observed.observer->Clear();
 
@@ -414,13 +421,12 @@ TEST(VtkSTBTrackReader, EveryFormatHasTimesArraysPathlinesAndChoices) {
     std::vector<std::string> files;
     std::size_t times;
     vtkIdType particles, tracks; // in all snapshots
-    std::size_t velocities;      // arrays
   };
   const std::vector<Format> formats = {
-      {{"/openlpt/ExitTrack_12.csv", "/openlpt/LongTrackActive_12.csv"}, 12, 108, 9, 0},
-      {{"/myptv/smoothed_trajectories"}, 7, 222, 34, 2},
-      {{"/myptv/trajectories"}, 7, 281, 36, 0},
-      {{"/openptv/ptv_is.7", "/openptv/ptv_is.8", "/openptv/ptv_is.9"}, 3, 12, 5, 0}};
+      {{"/openlpt/ExitTrack_12.csv", "/openlpt/LongTrackActive_12.csv"}, 12, 108, 9},
+      {{"/myptv/smoothed_trajectories"}, 7, 222, 34},
+      {{"/myptv/trajectories"}, 7, 281, 36},
+      {{"/openptv/ptv_is.7", "/openptv/ptv_is.8", "/openptv/ptv_is.9"}, 3, 12, 5}};
   for (const Format& f : formats) {
     vtkNew<vtkSTBTrackReader> reader;
     Observed observed(reader);
@@ -433,7 +439,8 @@ TEST(VtkSTBTrackReader, EveryFormatHasTimesArraysPathlinesAndChoices) {
     for (const double t : times) {
       reader->UpdateTimeStep(t);
       vtkPointData* arrays = reader->GetOutput()->GetPointData();
-      EXPECT_EQ(std::size_t(arrays->HasArray("Velocity") + arrays->HasArray("Acceleration")), f.velocities);
+      EXPECT_TRUE(arrays->HasArray("Velocity") && arrays->HasArray("Acceleration"));
+      EXPECT_GT(fieldNumber(reader, "PositionNoise") * fieldNumber(reader, "VelocityNoise"), 0) << f.files[0];
       particles += reader->GetOutput()->GetNumberOfPoints();
       auto* ids = vtkIdTypeArray::SafeDownCast(arrays->GetArray("TrackId"));
       ASSERT_NE(ids, nullptr);
@@ -456,6 +463,83 @@ TEST(VtkSTBTrackReader, EveryFormatHasTimesArraysPathlinesAndChoices) {
     EXPECT_FALSE(observed.observer->GetError() || observed.observer->GetWarning())
         << observed.observer->GetWarningMessage();
   }
+}
+
+TEST(VtkSTBTrackReader, VelocitiesComeFromTheFileOrThePositions) {
+  vtkNew<vtkSTBTrackReader> reader;
+  for (int k = 1; k <= 6; ++k)
+    reader->AddFileName((data + "old_8col/B0000" + std::to_string(k) + ".dat").c_str());
+  reader->SetFramePeriod(0.001);
+  const double time = timesOf(reader)[3];
+  const auto at = [&](int estimate, int order, int window) {
+    reader->SetEstimateVelocities(estimate);
+    reader->SetPolynomialOrder(order);
+    reader->SetPolynomialWindow(window);
+    reader->UpdateTimeStep(time);
+    vtkDataArray* v = reader->GetOutput()->GetPointData()->GetArray("Velocity");
+    return v ? v->GetComponent(0, 0) : std::nan("");
+  };
+  const double file = at(vtkSTBTrackReader::MISSING, 2, 9), own = at(vtkSTBTrackReader::ALWAYS, 2, 5),
+               other = at(vtkSTBTrackReader::ALWAYS, 3, 5);
+  EXPECT_EQ(at(vtkSTBTrackReader::NEVER, 2, 9), file);
+  EXPECT_FALSE(reader->GetOutput()->GetPointData()->HasArray("Acceleration"));
+  EXPECT_NE(own, file);
+  EXPECT_NE(own, other);
+  EXPECT_NEAR(own, file, 0.2 * std::abs(file));
+  Observed observed(reader);
+  at(vtkSTBTrackReader::ALWAYS, 2, 6);
+  EXPECT_TRUE(observed.saw("odd")) << observed.observer->GetErrorMessage();
+  EXPECT_EQ(reader->GetOutput()->GetNumberOfPoints(), 0);
+}
+
+TEST(VtkSTBTrackReader, TimeRangeStatisticsAndWholePathlines) {
+  vtkNew<vtkSTBTrackReader> reader, all;
+  for (vtkSTBTrackReader* r : {reader.Get(), all.Get()})
+    r->SetFileName((data + "onefile_8zones_utf8.dat").c_str());
+  const std::vector<double> times = timesOf(all);
+  reader->SetUseTimeRange(true);
+  reader->SetTimeRange(times[2] - 1e-5, times[5] + 1e-5);
+  EXPECT_EQ(timesOf(reader), (std::vector<double>{times.begin() + 2, times.begin() + 6}));
+  reader->UpdateTimeStep(times[0]);
+  EXPECT_EQ(dataTime(reader), times[2]);
+  EXPECT_EQ(snapshotIndex(reader), 2); // of the whole series
+
+  reader->SetTrackStatistics(true);
+  reader->UpdateTimeStep(times[4]);
+  vtkPointData* arrays = reader->GetOutput()->GetPointData();
+  const auto number = [&](const char* name, vtkIdType p) {
+    return arrays->GetArray(name)->GetComponent(p, 0);
+  };
+  for (vtkIdType p = 0; p < reader->GetOutput()->GetNumberOfPoints(); ++p) {
+    EXPECT_GE(number("TrackLength", p), 1);
+    EXPECT_NEAR(number("TrackAge", p), times[4] - number("TrackStart", p), 1e-12);
+    EXPECT_GE(number("TrackEnd", p), times[4]);
+    EXPECT_NEAR((number("TrackEnd", p) - number("TrackStart", p)) / 0.001 + 1, number("TrackLength", p),
+                1e-6);
+  }
+
+  reader->SetOutputMode(vtkSTBTrackReader::PATHLINES);
+  reader->SetTrailLength(0);
+  reader->UpdateTimeStep(times[2]);
+  vtkNew<vtkPolyData> first;
+  first->DeepCopy(reader->GetOutput());
+  EXPECT_TRUE(first->GetPointData()->HasArray("TrackAge"));
+  reader->UpdateTimeStep(times[5]);
+  expectEqual(reader->GetOutput(), first); // whatever the time
+  EXPECT_EQ(dataTime(reader), times[5]);
+  EXPECT_EQ(snapshotIndex(reader), 5);
+  reader->SetTrackStatistics(false);
+  reader->UpdateTimeStep(times[2]);
+  all->SetOutputMode(vtkSTBTrackReader::PATHLINES);
+  all->SetTrailLength(4);
+  all->UpdateTimeStep(times[5]);
+  expectEqual(reader->GetOutput(), all->GetOutput());
+
+  Observed observed(reader);
+  reader->SetTimeRange(1, 2);
+  reader->Update();
+  EXPECT_TRUE(observed.saw("TimeRange"));
+  EXPECT_EQ(reader->GetOutput()->GetNumberOfPoints(), 0);
 }
 
 TEST(VtkSTBTrackReader, VelocitiesPerFrameNeedTheFramePeriod) {
@@ -499,7 +583,12 @@ TEST(VtkSTBTrackReader, WithoutTrackIdsParticlesComeAndPathlinesSayWhy) {
   reader->SetTrackIdRange(-1, -1);
   reader->SetOutputMode(vtkSTBTrackReader::PATHLINES);
   reader->Update();
-  EXPECT_TRUE(observed.saw("Pathlines need the trackID"));
+  EXPECT_TRUE(observed.saw("so Pathlines"));
+  observed.observer->Clear();
+  reader->SetOutputMode(vtkSTBTrackReader::PARTICLES);
+  reader->SetTrackStatistics(true);
+  reader->Update();
+  EXPECT_TRUE(observed.saw("no column trackID"));
 }
 
 TEST(VtkSTBTrackReader, AFileThatGrewIsReadAnew) {
@@ -509,6 +598,7 @@ TEST(VtkSTBTrackReader, AFileThatGrewIsReadAnew) {
   vtkNew<vtkSTBTrackReader> reader;
   Observed observed(reader);
   reader->SetFileName(folder.write("t.dat", two).c_str());
+  reader->SetCacheSize(0);
   const std::vector<double> times = timesOf(reader);
   reader->UpdateTimeStep(times[0]);
   folder.write("t.dat", two + dialect.zone(2, {7}));

@@ -89,16 +89,20 @@ class TestSTBTrackReader(unittest.TestCase):
             self.assertEqual(simple.OpenDataFile(plain).GetXMLName(), "CSVReader")
 
     def test_every_property_reaches_the_class(self):
-        settings = dict(FramePeriod=0.5, TimeShift=2.0, ShiftTimeToZero=1, TrailLength=4, MinimumTrackLength=2, TrackIdRange=[3, 50], Stride=2, CacheSize=10)
-        reader = simple.STBTrackReader(FileNames=ONE_FILE, LengthUnit="um", OutputMode="Pathlines", **settings)
+        settings = dict(
+            FramePeriod=0.5, TimeShift=2.0, ShiftTimeToZero=1, TrailLength=4, MinimumTrackLength=2, TrackIdRange=[3, 50], Stride=2, CacheSize=10,
+            UseTimeRange=1, TimeRange=[2.0, 2.0065], TrackStatistics=1, PolynomialOrder=3, PolynomialWindow=7)
+        reader = simple.STBTrackReader(
+            FileNames=ONE_FILE, LengthUnit="um", OutputMode="Pathlines", EstimateVelocities="Estimated", **settings)
         reader.UpdatePipeline(2.006)
         inside = reader.SMProxy.GetClientSideObject()
         self.assertEqual(inside.GetLengthUnit(), vtkSTBTrackReader.MICROMETRE)
         self.assertEqual(inside.GetOutputMode(), vtkSTBTrackReader.PATHLINES)
-        self.assertEqual(sorted([*settings, "FileNames", "LengthUnit", "OutputMode", "TimestepValues"]), sorted(reader.ListProperties()))
+        self.assertEqual(inside.GetEstimateVelocities(), vtkSTBTrackReader.ALWAYS)
+        self.assertEqual(sorted([*settings, "EstimateVelocities", "FileNames", "LengthUnit", "OutputMode", "TimestepValues"]), sorted(reader.ListProperties()))
         for name, value in settings.items():
             np.testing.assert_allclose(getattr(inside, "Get" + name)(), value, err_msg=name)
-        np.testing.assert_allclose(list(reader.TimestepValues), 2 + 0.001 * np.arange(8), atol=1e-9)
+        np.testing.assert_allclose(list(reader.TimestepValues), 2 + 0.001 * np.arange(7), atol=1e-9)
         data = servermanager.Fetch(reader)
         ids = arrays(data)["TrackId"]
         self.assertTrue(len(ids) and (ids % 2 == 0).all() and ids.min() >= 3 and ids.max() <= 50)
