@@ -64,10 +64,11 @@ double varianceAtOnce(const Series& e) {
   });
 }
 
-/// From differences over `lag` snapshots.
-double varianceOverLag(const Series& e, int lag) {
+/// From differences over `least` to `most` snapshots.
+double varianceOverLags(const Series& e, int least, int most) {
   return 0.5 * variance(e, [&](const double* x, auto&& push) {
-           for (int k = 0; k + lag < e.span; ++k) push(x[3 * (k + lag)] - x[3 * k]);
+           for (int lag = least; lag <= most; ++lag)
+             for (int k = 0; k + lag < e.span; ++k) push(x[3 * (k + lag)] - x[3 * k]);
          });
 }
 
@@ -123,9 +124,10 @@ struct Population {
   int span = 0;
   std::vector<std::int32_t> tracks; // rows of the current snapshot
 
-  const float* at(Array a, int k, std::int32_t track) const {
+  Eigen::Vector3d at(Array a, int k, std::int32_t track) const {
     const std::size_t s = first + k;
-    return &(window.snapshots[s].get()->*a)[3 * std::size_t(rows[s - base][track])];
+    const float* v = &(window.snapshots[s].get()->*a)[3 * std::size_t(rows[s - base][track])];
+    return {v[0], v[1], v[2]};
   }
 };
 
@@ -197,10 +199,9 @@ class Neighbourhoods {
 public:
   explicit Neighbourhoods(const Population& population) : p(population), places(3 * p.tracks.size()) {
     for (std::size_t i = 0; i < p.tracks.size(); ++i) {
-      double mean[3] = {0, 0, 0};
-      for (int k = 0; k < p.span; ++k)
-        for (int c = 0; c < 3; ++c) mean[c] += p.at(&TrackSnapshot::position, k, p.tracks[i])[c];
-      for (int c = 0; c < 3; ++c) places[3 * i + c] = mean[c] / p.span;
+      Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+      for (int k = 0; k < p.span; ++k) sum += p.at(&TrackSnapshot::position, k, p.tracks[i]);
+      Eigen::Vector3d::Map(&places[3 * i]) = sum / p.span;
     }
     const std::vector<float> rounded(places.begin(), places.end());
     index.emplace_back(rounded.data(), p.tracks.size());
@@ -242,10 +243,6 @@ SpatialResiduals spatialResiduals(const Population& p, const std::vector<Array>&
     out.few.emplace_back(samples.size(), p.span);
     out.many.emplace_back(samples.size(), p.span);
   }
-  const auto offsetAt = [&](std::size_t f, int k, std::size_t i, int c) {
-    const double v = p.at(fields[f], k, p.tracks[i])[c];
-    return fields[f] == &TrackSnapshot::position ? v - neighbourhoods.place(i)[c] : v;
-  };
   std::vector<char> lost(samples.size(), 0);
 #pragma omp parallel for schedule(dynamic, 32)
   for (std::ptrdiff_t s = 0; s < std::ptrdiff_t(samples.size()); ++s) {
@@ -262,19 +259,24 @@ SpatialResiduals spatialResiduals(const Population& p, const std::vector<Array>&
     const Eigen::VectorXd wMany = weightsAtCentre(offsets);
     const double toFew = 1 / std::sqrt(1 + wFew.squaredNorm());
     const double toMany = 1 / std::sqrt(1 + wMany.squaredNorm());
-    for (std::size_t f = 0; f < fields.size(); ++f)
-      for (int k = 0; k < p.span; ++k)
-        for (int c = 0; c < 3; ++c) {
-          double few = 0, many = 0;
-          for (int j = 0; j < manyNeighbours; ++j) {
-            const double v = offsetAt(f, k, near[j], c);
-            if (j < fewNeighbours) few += wFew[j] * v;
-            many += wMany[j] * v;
-          }
-          const double here = offsetAt(f, k, i, c);
-          out.few[f].track(s)[3 * k + c] = (here - few) * toFew;
-          out.many[f].track(s)[3 * k + c] = (here - many) * toMany;
+    // The weights' sum is 1: with offsets from the own place, displacements are differences of places.
+    const Eigen::Vector3d ownPlace = neighbourhoods.place(i);
+    const Eigen::Vector3d placeFew = offsets.leftCols(fewNeighbours) * wFew, placeMany = offsets * wMany;
+    for (std::size_t f = 0; f < fields.size(); ++f) {
+      const bool ballistic = fields[f] == &TrackSnapshot::position;
+      const Eigen::Vector3d zero = Eigen::Vector3d::Zero(), origin = ballistic ? ownPlace : zero;
+      for (int k = 0; k < p.span; ++k) {
+        Eigen::Vector3d few = ballistic ? -placeFew : zero, many = ballistic ? -placeMany : zero;
+        for (int j = 0; j < manyNeighbours; ++j) {
+          const Eigen::Vector3d v = p.at(fields[f], k, p.tracks[near[j]]) - origin;
+          if (j < fewNeighbours) few += wFew[j] * v;
+          many += wMany[j] * v;
         }
+        const Eigen::Vector3d here = p.at(fields[f], k, p.tracks[i]) - origin;
+        Eigen::Vector3d::Map(out.few[f].track(s) + 3 * k) = (here - few) * toFew;
+        Eigen::Vector3d::Map(out.many[f].track(s) + 3 * k) = (here - many) * toMany;
+      }
+    }
   }
   for (std::vector<Series>* set : {&out.few, &out.many})
     for (Series& e : *set) {
@@ -309,12 +311,27 @@ Series sampled(const Population& p, Array a, const std::vector<std::size_t>& sam
   Series out(samples.size(), p.span);
   for (std::size_t s = 0; s < samples.size(); ++s) {
     const std::int32_t track = p.tracks[samples[s]];
-    for (int k = 0; k < p.span; ++k)
-      for (int c = 0; c < 3; ++c)
-        // Relative to the first value, for the digits.
-        out.track(s)[3 * k + c] = double(p.at(a, k, track)[c]) - p.at(a, 0, track)[c];
+    for (int k = 0; k < p.span; ++k) // relative to the first value, for the digits
+      Eigen::Vector3d::Map(out.track(s) + 3 * k) = p.at(a, k, track) - p.at(a, 0, track);
   }
   return out;
+}
+
+/// A place has no residual of its own at a single time, but changes of place have; the longer the time, the
+/// less the noise at both ends has in common, and the more the flow's third derivatives weigh.
+double overLongLags(const SpatialResiduals& e, std::size_t f, int span) {
+  if (span < 2) return std::numeric_limits<double>::quiet_NaN();
+  const auto longLags = [&](const Series& s) { return varianceOverLags(s, span / 2, span - 1); };
+  const double few = longLags(e.few[f]), many = longLags(e.many[f]);
+  return many < 2 * few ? withoutTruncation(few, many) : extrapolated(e, f, varianceAboutMean);
+}
+
+/// Where the flow's third derivatives weigh little, what differs from the neighbours is noise; elsewhere only
+/// what changes of it.
+double atOnceOrAboutMean(const SpatialResiduals& e, std::size_t f, int span) {
+  const double few = varianceAtOnce(e.few[f]), many = varianceAtOnce(e.many[f]);
+  if (span < spanForMeans || many < 1.5 * few) return withoutTruncation(few, many);
+  return extrapolated(e, f, varianceAboutMean);
 }
 
 /// See the comment of measureTrackNoise for the reasons.
@@ -337,14 +354,11 @@ Level levelOf(const Population& p, Array field, std::size_t f, const SpatialResi
     return level;
   }
   if (p.span >= 3) {
-    const double next = extrapolated(e, f, [](const Series& s) { return varianceOverLag(s, 1); });
-    const double second = extrapolated(e, f, [](const Series& s) { return varianceOverLag(s, 2); });
+    const double next = extrapolated(e, f, [](const Series& s) { return varianceOverLags(s, 1, 1); });
+    const double second = extrapolated(e, f, [](const Series& s) { return varianceOverLags(s, 2, 2); });
     if (second <= 1.25 * next) return {polynomials ? std::min(along, next) : next, true};
   }
-  const double total = p.span >= spanForMeans || (ballistic && p.span >= 2)
-                           ? extrapolated(e, f, varianceAboutMean)
-                       : ballistic ? level.variance
-                                   : extrapolated(e, f, varianceAtOnce);
+  const double total = ballistic ? overLongLags(e, f, p.span) : atOnceOrAboutMean(e, f, p.span);
   if (p.span >= spanForMeans && along <= 1.15 * alongShort && total < 4 * along) return {along, true};
   return {total, false};
 }
@@ -381,12 +395,21 @@ TrackNoise derivedFromResiduals(const Population& p, const SpatialResiduals& e,
   return noise;
 }
 
+/// Without tracks, the current snapshot alone can still tell how its particles differ from their neighbours.
+Rows rowsOrSnapshot(const TrackWindow& window, std::size_t first, std::size_t last) {
+  Rows rows = rowsOfTracks(window, first, last);
+  std::vector<std::int32_t>& here = rows[window.current - first];
+  if (std::all_of(here.begin(), here.end(), [](std::int32_t r) { return r < 0; }))
+    std::iota(here.begin(), here.end(), 0);
+  return rows;
+}
+
 TrackNoise measure(const TrackWindow& window, const TrackDerivativeOptions* derivatives,
                    const DerivativeGain& gain) {
   if (window.snapshots.size() != window.times.size() || window.current >= window.times.size())
     throw std::invalid_argument("A window of snapshots needs a time for each and one that is current");
   const auto [first, last] = nearestSnapshots(window);
-  const Rows rows = rowsOfTracks(window, first, last);
+  const Rows rows = rowsOrSnapshot(window, first, last);
   TrackNoise noise;
   double* levels[3] = {&noise.position, &noise.velocity, &noise.acceleration};
 
