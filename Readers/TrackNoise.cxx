@@ -4,7 +4,6 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <numeric>
 #include <stdexcept>
@@ -36,7 +35,7 @@ struct Series {
 /// Variance per component of Gaussian values, from the median of their sizes: up to half of them may be
 /// anything. 1.4826 = 1 / (upper quartile of the normal distribution).
 double robustVariance(std::vector<double>& sizes) {
-  if (sizes.empty()) return 0;
+  if (sizes.empty()) return std::numeric_limits<double>::quiet_NaN();
   const auto middle = sizes.begin() + sizes.size() / 2;
   std::nth_element(sizes.begin(), middle, sizes.end());
   return 1.4826 * 1.4826 * *middle * *middle;
@@ -51,7 +50,9 @@ double variance(const Series& series, Collect&& collect) {
   for (int c = 0; c < 3; ++c) {
     sizes.clear();
     for (std::size_t i = 0; i < series.tracks; ++i)
-      collect(series.track(i) + c, [&](double v) { sizes.push_back(std::abs(v)); });
+      collect(series.track(i) + c, [&](double v) {
+        if (std::isfinite(v)) sizes.push_back(std::abs(v));
+      });
     sum += robustVariance(sizes) / 3;
   }
   return sum;
@@ -139,6 +140,8 @@ bool hasArray(const TrackWindow& w, Array a, std::size_t first, std::size_t last
   return true;
 }
 
+std::uint32_t spanBits(int first, int span) { return ((std::uint32_t(1) << span) - 1) << first; }
+
 /// The longest span that a fifth of the current particles goes through, so that neighbours stay near; where
 /// there is none, the longest with enough tracks for a fit in space, or with any.
 Population populate(const TrackWindow& window, const Rows& rows, std::size_t base,
@@ -146,7 +149,6 @@ Population populate(const TrackWindow& window, const Rows& rows, std::size_t bas
   const int total = int(rows.size()), here = int(window.current - base);
   Population best{window, rows, base, window.current, 0, {}};
   const std::size_t n = window.snapshots[window.current]->size();
-  std::array<std::size_t, 2> enough = {std::max(n / 5, fewestForSpace), fewestForSpace};
   std::vector<std::uint32_t> present(n, 0); // bits of snapshots
   for (int s = 0; s < total; ++s)
     for (std::size_t r = 0; r < n; ++r) {
@@ -159,17 +161,25 @@ Population populate(const TrackWindow& window, const Rows& rows, std::size_t bas
       }
       present[r] |= std::uint32_t(all) << s;
     }
-  for (std::size_t least : {enough[0], enough[1], std::size_t(1)})
+  for (std::size_t least : {std::max(n / 5, fewestForSpace), fewestForSpace, std::size_t(1)})
     for (int span = total; span >= 1; --span) {
-      const int first = std::clamp(here - span / 2, 0, total - span);
-      const std::uint32_t bits = ((std::uint32_t(1) << span) - 1) << first;
-      const std::size_t count = std::size_t(
-          std::count_if(present.begin(), present.end(), [&](std::uint32_t p) { return (p & bits) == bits; }));
-      if (count < least) continue;
+      std::size_t most = 0;
+      int first = 0;
+      for (int f = std::max(0, here - span + 1); f <= std::min(here, total - span); ++f) {
+        const std::uint32_t bits = spanBits(f, span);
+        const std::size_t count = std::size_t(std::count_if(
+            present.begin(), present.end(), [&](std::uint32_t p) { return (p & bits) == bits; }));
+        if (count > most) {
+          most = count;
+          first = f;
+        }
+      }
+      if (most < least) continue;
       best.first = base + first;
       best.span = span;
       for (std::size_t r = 0; r < n; ++r)
-        if ((present[r] & bits) == bits) best.tracks.push_back(std::int32_t(r));
+        if ((present[r] & spanBits(first, span)) == spanBits(first, span))
+          best.tracks.push_back(std::int32_t(r));
       return best;
     }
   return best;
@@ -182,9 +192,9 @@ struct SpatialResiduals {
   std::vector<Series> few, many; // for each array
 };
 
-Eigen::VectorXd weightsAtCentre(const Eigen::MatrixXd& offsets) {
+Eigen::VectorXd weightsAtCentre(const Eigen::Matrix3Xd& offsets) {
   const int n = int(offsets.cols());
-  const Eigen::MatrixXd r = offsets / offsets.colwise().norm().maxCoeff();
+  const Eigen::Matrix3Xd r = offsets / offsets.colwise().norm().maxCoeff();
   Eigen::MatrixXd a(n, 10);
   for (int i = 0; i < n; ++i) {
     const double x = r(0, i), y = r(1, i), z = r(2, i);
@@ -197,16 +207,10 @@ Eigen::VectorXd weightsAtCentre(const Eigen::MatrixXd& offsets) {
 
 class Neighbourhoods {
 public:
-  explicit Neighbourhoods(const Population& population) : p(population), places(3 * p.tracks.size()) {
-    for (std::size_t i = 0; i < p.tracks.size(); ++i) {
-      Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-      for (int k = 0; k < p.span; ++k) sum += p.at(&TrackSnapshot::position, k, p.tracks[i]);
-      Eigen::Vector3d::Map(&places[3 * i]) = sum / p.span;
-    }
-    const std::vector<float> rounded(places.begin(), places.end());
-    index.emplace_back(rounded.data(), p.tracks.size());
-    const double density = index[0].meanDensity();
-    if (density > 0) radius = std::cbrt(1.5 * manyNeighbours / (4.19 * density));
+  explicit Neighbourhoods(const Population& population)
+      : places(meanPlaces(population)),
+        index(std::vector<float>(places.begin(), places.end()).data(), population.tracks.size()) {
+    if (index.meanDensity() > 0) radius = std::cbrt(1.5 * manyNeighbours / (4.19 * index.meanDensity()));
   }
 
   /// The nearest tracks of track i, places in p.tracks; empty where there is no volume to look through.
@@ -216,7 +220,7 @@ public:
     double r = radius;
     for (int attempt = 0; r > 0 && attempt < 12 && found.size() < manyNeighbours; ++attempt, r *= 1.4) {
       found.clear();
-      index[0].forEachWithin(x, r, [&](std::uint32_t j, float dx, float dy, float dz) {
+      index.forEachWithin(x, r, [&](std::uint32_t j, float dx, float dy, float dz) {
         if (j != i) found.push_back({dx * dx + dy * dy + dz * dz, j});
       });
     }
@@ -229,9 +233,18 @@ public:
   Eigen::Vector3d place(std::size_t i) const { return Eigen::Vector3d::Map(&places[3 * i]); }
 
 private:
-  const Population& p;
+  static std::vector<double> meanPlaces(const Population& p) {
+    std::vector<double> out(3 * p.tracks.size());
+    for (std::size_t i = 0; i < p.tracks.size(); ++i) {
+      Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+      for (int k = 0; k < p.span; ++k) sum += p.at(&TrackSnapshot::position, k, p.tracks[i]);
+      Eigen::Vector3d::Map(&out[3 * i]) = sum / p.span;
+    }
+    return out;
+  }
+
   std::vector<double> places;
-  std::vector<ParticleIndex> index;
+  ParticleIndex index;
   double radius = 0;
 };
 
@@ -252,7 +265,7 @@ SpatialResiduals spatialResiduals(const Population& p, const std::vector<Array>&
       lost[s] = 1;
       continue;
     }
-    Eigen::MatrixXd offsets(3, manyNeighbours);
+    Eigen::Matrix3Xd offsets(3, manyNeighbours);
     for (int j = 0; j < manyNeighbours; ++j)
       offsets.col(j) = neighbourhoods.place(near[j]) - neighbourhoods.place(i);
     const Eigen::VectorXd wFew = weightsAtCentre(offsets.leftCols(fewNeighbours));
@@ -356,7 +369,7 @@ Level levelOf(const Population& p, Array field, std::size_t f, const SpatialResi
   if (p.span >= 3) {
     const double next = extrapolated(e, f, [](const Series& s) { return varianceOverLags(s, 1, 1); });
     const double second = extrapolated(e, f, [](const Series& s) { return varianceOverLags(s, 2, 2); });
-    if (second <= 1.25 * next) return {polynomials ? std::min(along, next) : next, true};
+    if (second <= 1.25 * next) return {polynomials ? std::fmin(along, next) : next, true};
   }
   const double total = ballistic ? overLongLags(e, f, p.span) : atOnceOrAboutMean(e, f, p.span);
   if (p.span >= spanForMeans && along <= 1.15 * alongShort && total < 4 * along) return {along, true};
