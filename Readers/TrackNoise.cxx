@@ -4,7 +4,6 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <numeric>
 #include <stdexcept>
@@ -36,7 +35,7 @@ struct Series {
 /// Variance per component of Gaussian values, from the median of their sizes: up to half of them may be
 /// anything. 1.4826 = 1 / (upper quartile of the normal distribution).
 double robustVariance(std::vector<double>& sizes) {
-  if (sizes.empty()) return 0;
+  if (sizes.empty()) return std::numeric_limits<double>::quiet_NaN();
   const auto middle = sizes.begin() + sizes.size() / 2;
   std::nth_element(sizes.begin(), middle, sizes.end());
   return 1.4826 * 1.4826 * *middle * *middle;
@@ -51,7 +50,9 @@ double variance(const Series& series, Collect&& collect) {
   for (int c = 0; c < 3; ++c) {
     sizes.clear();
     for (std::size_t i = 0; i < series.tracks; ++i)
-      collect(series.track(i) + c, [&](double v) { sizes.push_back(std::abs(v)); });
+      collect(series.track(i) + c, [&](double v) {
+        if (std::isfinite(v)) sizes.push_back(std::abs(v));
+      });
     sum += robustVariance(sizes) / 3;
   }
   return sum;
@@ -64,10 +65,11 @@ double varianceAtOnce(const Series& e) {
   });
 }
 
-/// From differences over `lag` snapshots.
-double varianceOverLag(const Series& e, int lag) {
+/// From differences over `least` to `most` snapshots.
+double varianceOverLags(const Series& e, int least, int most) {
   return 0.5 * variance(e, [&](const double* x, auto&& push) {
-           for (int k = 0; k + lag < e.span; ++k) push(x[3 * (k + lag)] - x[3 * k]);
+           for (int lag = least; lag <= most; ++lag)
+             for (int k = 0; k + lag < e.span; ++k) push(x[3 * (k + lag)] - x[3 * k]);
          });
 }
 
@@ -123,9 +125,10 @@ struct Population {
   int span = 0;
   std::vector<std::int32_t> tracks; // rows of the current snapshot
 
-  const float* at(Array a, int k, std::int32_t track) const {
+  Eigen::Vector3d at(Array a, int k, std::int32_t track) const {
     const std::size_t s = first + k;
-    return &(window.snapshots[s].get()->*a)[3 * std::size_t(rows[s - base][track])];
+    const float* v = &(window.snapshots[s].get()->*a)[3 * std::size_t(rows[s - base][track])];
+    return {v[0], v[1], v[2]};
   }
 };
 
@@ -137,6 +140,8 @@ bool hasArray(const TrackWindow& w, Array a, std::size_t first, std::size_t last
   return true;
 }
 
+std::uint32_t spanBits(int first, int span) { return ((std::uint32_t(1) << span) - 1) << first; }
+
 /// The longest span that a fifth of the current particles goes through, so that neighbours stay near; where
 /// there is none, the longest with enough tracks for a fit in space, or with any.
 Population populate(const TrackWindow& window, const Rows& rows, std::size_t base,
@@ -144,7 +149,6 @@ Population populate(const TrackWindow& window, const Rows& rows, std::size_t bas
   const int total = int(rows.size()), here = int(window.current - base);
   Population best{window, rows, base, window.current, 0, {}};
   const std::size_t n = window.snapshots[window.current]->size();
-  std::array<std::size_t, 2> enough = {std::max(n / 5, fewestForSpace), fewestForSpace};
   std::vector<std::uint32_t> present(n, 0); // bits of snapshots
   for (int s = 0; s < total; ++s)
     for (std::size_t r = 0; r < n; ++r) {
@@ -157,17 +161,25 @@ Population populate(const TrackWindow& window, const Rows& rows, std::size_t bas
       }
       present[r] |= std::uint32_t(all) << s;
     }
-  for (std::size_t least : {enough[0], enough[1], std::size_t(1)})
+  for (std::size_t least : {std::max(n / 5, fewestForSpace), fewestForSpace, std::size_t(1)})
     for (int span = total; span >= 1; --span) {
-      const int first = std::clamp(here - span / 2, 0, total - span);
-      const std::uint32_t bits = ((std::uint32_t(1) << span) - 1) << first;
-      const std::size_t count = std::size_t(
-          std::count_if(present.begin(), present.end(), [&](std::uint32_t p) { return (p & bits) == bits; }));
-      if (count < least) continue;
+      std::size_t most = 0;
+      int first = 0;
+      for (int f = std::max(0, here - span + 1); f <= std::min(here, total - span); ++f) {
+        const std::uint32_t bits = spanBits(f, span);
+        const std::size_t count = std::size_t(std::count_if(
+            present.begin(), present.end(), [&](std::uint32_t p) { return (p & bits) == bits; }));
+        if (count > most) {
+          most = count;
+          first = f;
+        }
+      }
+      if (most < least) continue;
       best.first = base + first;
       best.span = span;
       for (std::size_t r = 0; r < n; ++r)
-        if ((present[r] & bits) == bits) best.tracks.push_back(std::int32_t(r));
+        if ((present[r] & spanBits(first, span)) == spanBits(first, span))
+          best.tracks.push_back(std::int32_t(r));
       return best;
     }
   return best;
@@ -180,9 +192,9 @@ struct SpatialResiduals {
   std::vector<Series> few, many; // for each array
 };
 
-Eigen::VectorXd weightsAtCentre(const Eigen::MatrixXd& offsets) {
+Eigen::VectorXd weightsAtCentre(const Eigen::Matrix3Xd& offsets) {
   const int n = int(offsets.cols());
-  const Eigen::MatrixXd r = offsets / offsets.colwise().norm().maxCoeff();
+  const Eigen::Matrix3Xd r = offsets / offsets.colwise().norm().maxCoeff();
   Eigen::MatrixXd a(n, 10);
   for (int i = 0; i < n; ++i) {
     const double x = r(0, i), y = r(1, i), z = r(2, i);
@@ -195,17 +207,10 @@ Eigen::VectorXd weightsAtCentre(const Eigen::MatrixXd& offsets) {
 
 class Neighbourhoods {
 public:
-  explicit Neighbourhoods(const Population& population) : p(population), places(3 * p.tracks.size()) {
-    for (std::size_t i = 0; i < p.tracks.size(); ++i) {
-      double mean[3] = {0, 0, 0};
-      for (int k = 0; k < p.span; ++k)
-        for (int c = 0; c < 3; ++c) mean[c] += p.at(&TrackSnapshot::position, k, p.tracks[i])[c];
-      for (int c = 0; c < 3; ++c) places[3 * i + c] = mean[c] / p.span;
-    }
-    const std::vector<float> rounded(places.begin(), places.end());
-    index.emplace_back(rounded.data(), p.tracks.size());
-    const double density = index[0].meanDensity();
-    if (density > 0) radius = std::cbrt(1.5 * manyNeighbours / (4.19 * density));
+  explicit Neighbourhoods(const Population& population)
+      : places(meanPlaces(population)),
+        index(std::vector<float>(places.begin(), places.end()).data(), population.tracks.size()) {
+    if (index.meanDensity() > 0) radius = std::cbrt(1.5 * manyNeighbours / (4.19 * index.meanDensity()));
   }
 
   /// The nearest tracks of track i, places in p.tracks; empty where there is no volume to look through.
@@ -215,7 +220,7 @@ public:
     double r = radius;
     for (int attempt = 0; r > 0 && attempt < 12 && found.size() < manyNeighbours; ++attempt, r *= 1.4) {
       found.clear();
-      index[0].forEachWithin(x, r, [&](std::uint32_t j, float dx, float dy, float dz) {
+      index.forEachWithin(x, r, [&](std::uint32_t j, float dx, float dy, float dz) {
         if (j != i) found.push_back({dx * dx + dy * dy + dz * dz, j});
       });
     }
@@ -228,9 +233,18 @@ public:
   Eigen::Vector3d place(std::size_t i) const { return Eigen::Vector3d::Map(&places[3 * i]); }
 
 private:
-  const Population& p;
+  static std::vector<double> meanPlaces(const Population& p) {
+    std::vector<double> out(3 * p.tracks.size());
+    for (std::size_t i = 0; i < p.tracks.size(); ++i) {
+      Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+      for (int k = 0; k < p.span; ++k) sum += p.at(&TrackSnapshot::position, k, p.tracks[i]);
+      Eigen::Vector3d::Map(&out[3 * i]) = sum / p.span;
+    }
+    return out;
+  }
+
   std::vector<double> places;
-  std::vector<ParticleIndex> index;
+  ParticleIndex index;
   double radius = 0;
 };
 
@@ -242,10 +256,6 @@ SpatialResiduals spatialResiduals(const Population& p, const std::vector<Array>&
     out.few.emplace_back(samples.size(), p.span);
     out.many.emplace_back(samples.size(), p.span);
   }
-  const auto offsetAt = [&](std::size_t f, int k, std::size_t i, int c) {
-    const double v = p.at(fields[f], k, p.tracks[i])[c];
-    return fields[f] == &TrackSnapshot::position ? v - neighbourhoods.place(i)[c] : v;
-  };
   std::vector<char> lost(samples.size(), 0);
 #pragma omp parallel for schedule(dynamic, 32)
   for (std::ptrdiff_t s = 0; s < std::ptrdiff_t(samples.size()); ++s) {
@@ -255,26 +265,31 @@ SpatialResiduals spatialResiduals(const Population& p, const std::vector<Array>&
       lost[s] = 1;
       continue;
     }
-    Eigen::MatrixXd offsets(3, manyNeighbours);
+    Eigen::Matrix3Xd offsets(3, manyNeighbours);
     for (int j = 0; j < manyNeighbours; ++j)
       offsets.col(j) = neighbourhoods.place(near[j]) - neighbourhoods.place(i);
     const Eigen::VectorXd wFew = weightsAtCentre(offsets.leftCols(fewNeighbours));
     const Eigen::VectorXd wMany = weightsAtCentre(offsets);
     const double toFew = 1 / std::sqrt(1 + wFew.squaredNorm());
     const double toMany = 1 / std::sqrt(1 + wMany.squaredNorm());
-    for (std::size_t f = 0; f < fields.size(); ++f)
-      for (int k = 0; k < p.span; ++k)
-        for (int c = 0; c < 3; ++c) {
-          double few = 0, many = 0;
-          for (int j = 0; j < manyNeighbours; ++j) {
-            const double v = offsetAt(f, k, near[j], c);
-            if (j < fewNeighbours) few += wFew[j] * v;
-            many += wMany[j] * v;
-          }
-          const double here = offsetAt(f, k, i, c);
-          out.few[f].track(s)[3 * k + c] = (here - few) * toFew;
-          out.many[f].track(s)[3 * k + c] = (here - many) * toMany;
+    // The weights' sum is 1: with offsets from the own place, displacements are differences of places.
+    const Eigen::Vector3d ownPlace = neighbourhoods.place(i);
+    const Eigen::Vector3d placeFew = offsets.leftCols(fewNeighbours) * wFew, placeMany = offsets * wMany;
+    for (std::size_t f = 0; f < fields.size(); ++f) {
+      const bool ballistic = fields[f] == &TrackSnapshot::position;
+      const Eigen::Vector3d zero = Eigen::Vector3d::Zero(), origin = ballistic ? ownPlace : zero;
+      for (int k = 0; k < p.span; ++k) {
+        Eigen::Vector3d few = ballistic ? -placeFew : zero, many = ballistic ? -placeMany : zero;
+        for (int j = 0; j < manyNeighbours; ++j) {
+          const Eigen::Vector3d v = p.at(fields[f], k, p.tracks[near[j]]) - origin;
+          if (j < fewNeighbours) few += wFew[j] * v;
+          many += wMany[j] * v;
         }
+        const Eigen::Vector3d here = p.at(fields[f], k, p.tracks[i]) - origin;
+        Eigen::Vector3d::Map(out.few[f].track(s) + 3 * k) = (here - few) * toFew;
+        Eigen::Vector3d::Map(out.many[f].track(s) + 3 * k) = (here - many) * toMany;
+      }
+    }
   }
   for (std::vector<Series>* set : {&out.few, &out.many})
     for (Series& e : *set) {
@@ -309,12 +324,27 @@ Series sampled(const Population& p, Array a, const std::vector<std::size_t>& sam
   Series out(samples.size(), p.span);
   for (std::size_t s = 0; s < samples.size(); ++s) {
     const std::int32_t track = p.tracks[samples[s]];
-    for (int k = 0; k < p.span; ++k)
-      for (int c = 0; c < 3; ++c)
-        // Relative to the first value, for the digits.
-        out.track(s)[3 * k + c] = double(p.at(a, k, track)[c]) - p.at(a, 0, track)[c];
+    for (int k = 0; k < p.span; ++k) // relative to the first value, for the digits
+      Eigen::Vector3d::Map(out.track(s) + 3 * k) = p.at(a, k, track) - p.at(a, 0, track);
   }
   return out;
+}
+
+/// A place has no residual of its own at a single time, but changes of place have; the longer the time, the
+/// less the noise at both ends has in common, and the more the flow's third derivatives weigh.
+double overLongLags(const SpatialResiduals& e, std::size_t f, int span) {
+  if (span < 2) return std::numeric_limits<double>::quiet_NaN();
+  const auto longLags = [&](const Series& s) { return varianceOverLags(s, span / 2, span - 1); };
+  const double few = longLags(e.few[f]), many = longLags(e.many[f]);
+  return many < 2 * few ? withoutTruncation(few, many) : extrapolated(e, f, varianceAboutMean);
+}
+
+/// Where the flow's third derivatives weigh little, what differs from the neighbours is noise; elsewhere only
+/// what changes of it.
+double atOnceOrAboutMean(const SpatialResiduals& e, std::size_t f, int span) {
+  const double few = varianceAtOnce(e.few[f]), many = varianceAtOnce(e.many[f]);
+  if (span < spanForMeans || many < 1.5 * few) return withoutTruncation(few, many);
+  return extrapolated(e, f, varianceAboutMean);
 }
 
 /// See the comment of measureTrackNoise for the reasons.
@@ -337,14 +367,11 @@ Level levelOf(const Population& p, Array field, std::size_t f, const SpatialResi
     return level;
   }
   if (p.span >= 3) {
-    const double next = extrapolated(e, f, [](const Series& s) { return varianceOverLag(s, 1); });
-    const double second = extrapolated(e, f, [](const Series& s) { return varianceOverLag(s, 2); });
-    if (second <= 1.25 * next) return {polynomials ? std::min(along, next) : next, true};
+    const double next = extrapolated(e, f, [](const Series& s) { return varianceOverLags(s, 1, 1); });
+    const double second = extrapolated(e, f, [](const Series& s) { return varianceOverLags(s, 2, 2); });
+    if (second <= 1.25 * next) return {polynomials ? std::fmin(along, next) : next, true};
   }
-  const double total = p.span >= spanForMeans || (ballistic && p.span >= 2)
-                           ? extrapolated(e, f, varianceAboutMean)
-                       : ballistic ? level.variance
-                                   : extrapolated(e, f, varianceAtOnce);
+  const double total = ballistic ? overLongLags(e, f, p.span) : atOnceOrAboutMean(e, f, p.span);
   if (p.span >= spanForMeans && along <= 1.15 * alongShort && total < 4 * along) return {along, true};
   return {total, false};
 }
@@ -381,12 +408,21 @@ TrackNoise derivedFromResiduals(const Population& p, const SpatialResiduals& e,
   return noise;
 }
 
+/// Without tracks, the current snapshot alone can still tell how its particles differ from their neighbours.
+Rows rowsOrSnapshot(const TrackWindow& window, std::size_t first, std::size_t last) {
+  Rows rows = rowsOfTracks(window, first, last);
+  std::vector<std::int32_t>& here = rows[window.current - first];
+  if (std::all_of(here.begin(), here.end(), [](std::int32_t r) { return r < 0; }))
+    std::iota(here.begin(), here.end(), 0);
+  return rows;
+}
+
 TrackNoise measure(const TrackWindow& window, const TrackDerivativeOptions* derivatives,
                    const DerivativeGain& gain) {
   if (window.snapshots.size() != window.times.size() || window.current >= window.times.size())
     throw std::invalid_argument("A window of snapshots needs a time for each and one that is current");
   const auto [first, last] = nearestSnapshots(window);
-  const Rows rows = rowsOfTracks(window, first, last);
+  const Rows rows = rowsOrSnapshot(window, first, last);
   TrackNoise noise;
   double* levels[3] = {&noise.position, &noise.velocity, &noise.acceleration};
 
