@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 #include <cstring>
+#include <limits>
 #include <numeric>
 
 namespace rimflow {
@@ -83,12 +84,21 @@ bool sameArrays(const TrackColumnPlan& a, const TrackColumnPlan& b) {
          a.error.empty() == b.error.empty();
 }
 
-void scale(std::vector<float>& values, const TrackColumnPlan& plan, TrackColumnPlan::Target target,
-           double rate) {
+// To SI. A vector that is then beyond single precision becomes NaN; returns how many.
+std::size_t scale(std::vector<float>& values, const TrackColumnPlan& plan, TrackColumnPlan::Target target,
+                  double rate) {
   double factor[3] = {1, 1, 1};
   for (const TrackColumnPlan::Column& c : plan.columns)
     if (c.target == target) factor[c.index] = c.scale * rate;
   for (std::size_t i = 0; i < values.size(); ++i) values[i] = float(double(values[i]) * factor[i % 3]);
+  std::size_t tooLarge = 0;
+  for (std::size_t i = 0; i < values.size(); i += 3) {
+    float* v = &values[i];
+    if (!std::isinf(v[0]) && !std::isinf(v[1]) && !std::isinf(v[2])) continue;
+    v[0] = v[1] = v[2] = std::numeric_limits<float>::quiet_NaN();
+    ++tooLarge;
+  }
+  return tooLarge;
 }
 
 // Where both vectors are zero, there is none.
@@ -162,7 +172,7 @@ void FrameTracks::putAway(std::size_t file, TrackSnapshot&& rows) {
   permute(rows, order);
   for (std::int64_t& id : rows.trackId) {
     if (id < 0) continue;
-    if (__builtin_add_overflow(id, firstId, &id))
+    if (firstId < 0 || __builtin_add_overflow(id, firstId, &id))
       throw std::runtime_error(texts.paths()[file] +
                                ": the track ids are too large to be made different from "
                                "those of the other files. Open the files one by one.");
@@ -240,7 +250,8 @@ bool FrameTracks::open(std::vector<std::string> files, const Progress& progress,
     texts = TrackTexts(std::move(files));
     bool done = true;
     for (std::size_t f = 0; f < texts.size() && done; ++f) {
-      firstId = format.idsRestart ? lastId + 1 : 0;
+      const bool none = lastId == std::numeric_limits<std::int64_t>::max(); // no id is left for this file
+      firstId = !format.idsRestart ? 0 : none ? -1 : lastId + 1;
       done = readFile(
           f, [&](double fraction) { return goOn(progress, (double(f) + fraction) / double(texts.size())); });
     }
@@ -294,8 +305,12 @@ bool FrameTracks::read(std::size_t snapshot, const TrackUnits& units, TrackSnaps
   const double rate = layout.perFrame && units.framePeriod > 0 ? 1 / units.framePeriod : 1;
   if (layout.zeroIsNone && !idsOnly) zeroToNaN(particles);
   scale(particles.position, plan, Target::Position, 1);
-  scale(particles.velocity, plan, Target::Velocity, rate);
-  scale(particles.acceleration, plan, Target::Acceleration, rate * rate);
+  const std::size_t tooLarge = scale(particles.velocity, plan, Target::Velocity, rate) +
+                               scale(particles.acceleration, plan, Target::Acceleration, rate * rate);
+  if (tooLarge > 0)
+    warnings.push_back(nameOf(snapshot) + std::to_string(tooLarge) +
+                       " velocities or accelerations are beyond single precision in SI, so they are NaN. "
+                       "Check their units, and FramePeriod.");
   for (const TrackColumnPlan::Column& c : plan.columns)
     if (c.target == Target::Further && c.scale != 1 && !idsOnly)
       for (double& x : particles.further[std::size_t(c.index)].values) x *= c.scale;

@@ -60,7 +60,7 @@ private:
   std::vector<std::string> notes;
   std::vector<Frame> frames;
   IdTable frameNumbers;
-  std::int64_t firstId = 0, lastId = -1; ///< of the file that is being read, and the last one so far
+  std::int64_t firstId = 0, lastId = -1; ///< of the file that is read (-1: none is left), the last so far
   ParticleStore store;
   mutable std::map<LengthUnit, TrackColumnPlan> plans;
 };

@@ -110,7 +110,7 @@ void OpenPTVTracks::readFile(std::size_t file, std::string_view text, Links& bef
   Links links;
   links.number = numberOfFile(texts.paths()[file]);
   links.there = true;
-  const bool consecutive = before.there && links.number == before.number + 1;
+  const bool consecutive = before.there && links.number - 1 == before.number;
   if (before.there && !consecutive)
     notes.push_back(texts.paths()[file] + ", line 1: the frame before " + std::to_string(links.number) +
                     " is not among the files, so all tracks end there. Open all frames together.");

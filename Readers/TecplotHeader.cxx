@@ -1,6 +1,7 @@
 #include "TecplotHeader.h"
 
 #include "TrackMessages.h"
+#include "TrackTimeline.h"
 
 #include <algorithm>
 #include <cctype>
@@ -137,13 +138,13 @@ std::int64_t integerOr(std::string_view s, std::int64_t fallback) {
   return r.ec == std::errc() && r.ptr == s.data() + s.size() && n >= 0 ? n : fallback;
 }
 
-double numberOrNaN(std::string_view s) {
+double timeOrNaN(std::string_view s) {
   s = trimmed(s);
   if (!s.empty() && s.front() == '+') s.remove_prefix(1);
   double x = 0;
   const auto r = fast_float::from_chars(s.data(), s.data() + s.size(), x);
   const bool whole = r.ec == std::errc() && r.ptr == s.data() + s.size();
-  return whole && std::isfinite(x) ? x : std::numeric_limits<double>::quiet_NaN();
+  return whole && std::abs(x) <= largestTime ? x : std::numeric_limits<double>::quiet_NaN();
 }
 
 void setKey(TecplotZoneHeader& zone, const std::string& key, std::string_view value) {
@@ -151,7 +152,7 @@ void setKey(TecplotZoneHeader& zone, const std::string& key, std::string_view va
   if (key == "I") zone.rows = integerOr(value, -1);
   if (key == "J") zone.j = integerOr(value, 1);
   if (key == "K") zone.k = integerOr(value, 1);
-  if (key == "SOLUTIONTIME") zone.time = numberOrNaN(value);
+  if (key == "SOLUTIONTIME") zone.time = timeOrNaN(value);
   if (key == "F" || key == "DATAPACKING") zone.packing = upper(value);
   if (key == "ZONETYPE") zone.zoneType = upper(value);
 }

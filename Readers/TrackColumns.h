@@ -14,10 +14,10 @@ struct TrackColumnPlan {
   enum class Target { Skip, Position, Velocity, Acceleration, Intensity, TrackId, Further };
   struct Column {
     Target target = Target::Skip;
-    int index = 0;       ///< 0, 1, 2 for x, y, z; the place in furtherNames for Further
-    double scale = 1;    ///< from the file's unit to SI; 1 for Intensity and Further
-    std::string label;   ///< the name as written, in UTF-8, for messages
-    bool needed = false; ///< of a Further one: a row where it is NaN or Inf is left out
+    int index = 0;      ///< 0, 1, 2 for x, y, z; the place in furtherNames for Further
+    double scale = 1;   ///< from the file's unit to SI; 1 for Intensity and Further
+    std::string label;  ///< the name as written, in UTF-8, for messages
+    bool clock = false; ///< a Further one with frames or times: a row without one is left out
   };
   std::vector<Column> columns; ///< in the file's order
   char delimiter = 0; ///< between values of which some may be missing; 0: blanks, commas, ... all alike

@@ -3,6 +3,7 @@
 #include "PlainDecimal.h"
 #include "TableHead.h"
 #include "TecplotHeader.h"
+#include "TrackTimeline.h"
 
 #include <algorithm>
 #include <array>
@@ -107,7 +108,7 @@ IdResult trackId(const char*& p, const char* end, std::int64_t& id) {
 
 // Where the values of a column go: element `index` of every group of `stride`.
 struct Field {
-  enum class Kind { Skip, Float, Intensity, Id, Double, Clock } kind = Kind::Skip; // Clock: never NaN
+  enum class Kind { Skip, Float, Intensity, Id, Double, Clock } kind = Kind::Skip; // Clock: a frame or time
   double scale = 1;
   void* to = nullptr;
   std::size_t stride = 1;
@@ -186,7 +187,7 @@ inline RowFault parseRow(const char*& p, const char* end, const Field* fields, s
     case Field::Kind::Clock:
     case Field::Kind::Double:
       if (!number(p, end, x)) return {Fault::NotANumber, p, f};
-      finite = finite && (field.kind == Field::Kind::Double || std::isfinite(x));
+      finite = finite && (field.kind == Field::Kind::Double || std::abs(x) <= largestTime);
       static_cast<double*>(field.to)[row] = x * field.scale;
       break;
     case Field::Kind::Id: {
@@ -336,7 +337,7 @@ struct Arrays {
           f.to = s.intensity.data();
         }
         if (c.target == Target::Further) {
-          f.kind = c.needed ? Field::Kind::Clock : Field::Kind::Double;
+          f.kind = c.clock ? Field::Kind::Clock : Field::Kind::Double;
           f.to = s.further[std::size_t(c.index)].values.data();
         }
       }

@@ -20,7 +20,7 @@ struct TrackRowsResult {
   std::size_t column = 0;     ///< of the value (NotANumber, NotAnId)
   std::int64_t rows = 0;      ///< rows read, kept or not
   std::int64_t notFinite = 0; ///< rows left out, because a position, velocity, acceleration, id or
-                              ///< needed value is NaN or Inf
+                              ///< frame is NaN or Inf
   std::size_t firstNotFinite = 0; ///< offset of the first of them
   bool aborted = false;
 };

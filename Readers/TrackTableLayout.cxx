@@ -56,7 +56,7 @@ TrackColumnPlan rawPlan(const TrackTableLayout& layout) {
     TrackColumnPlan::Column& c = plan.columns[std::size_t(layout.frame)];
     c.target = Target::Further;
     c.index = int(plan.furtherNames.size());
-    c.needed = true;
+    c.clock = true;
     plan.furtherNames.push_back("frame");
   }
   return plan;

@@ -7,6 +7,9 @@
 
 namespace rimflow {
 
+/// No time or frame number is larger than this, s: sums and products of those that are not stay finite.
+constexpr double largestTime = 1e30;
+
 /// What a file says about the time of one snapshot.
 struct TrackTimeEntry {
   double time = std::numeric_limits<double>::quiet_NaN(); ///< s; NaN when the file has none

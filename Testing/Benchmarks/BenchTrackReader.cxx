@@ -209,7 +209,9 @@ int formats() {
                             return print("%d,%d,%.6f,%.6f,%.6f\n", t, f, p.x[0], p.x[1], p.x[2]);
                           })},
       {"OpenLPT, four cameras",
-       byTrack("b.csv", openLPT + ",cam0_x(col),cam0_y(row),cam1_x(col),cam1_y(row),cam2_x(col),cam2_y(row),cam3_x(col),cam3_y(row)\n",
+       byTrack("b.csv",
+               openLPT + ",cam0_x(col),cam0_y(row),cam1_x(col),cam1_y(row),cam2_x(col),cam2_y(row),cam3_x("
+                         "col),cam3_y(row)\n",
                [&](int t, int f, const Point& p) {
                  return print("%d,%d,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f\n", t, f, p.x[0],
                               p.x[1], p.x[2], p.x[0], p.x[1], p.x[0], p.x[1], p.x[0], p.x[1], p.x[0], p.x[1]);

@@ -50,8 +50,10 @@ def fuzz(name, folder, seconds, seed):
     log = folder / 'logs' / f'{name}.log'
     log.parent.mkdir(exist_ok=True)
     command = [folder / 'bin' / f'Fuzz_{name}', f'-max_total_time={seconds}', f'-seed={seed}', '-timeout=10', '-rss_limit_mb=2048',
-               '-malloc_limit_mb=256', '-max_len=2048', '-entropic=0', '-print_final_stats=1', f'-artifact_prefix={failed}/{name}-',
-               f'-dict={here}/dictionaries/{name}.txt', found, here / 'corpus' / name]
+               '-malloc_limit_mb=256', '-max_len=2048', '-entropic=0', '-print_final_stats=1', f'-artifact_prefix={failed}/{name}-']
+    words = here / 'dictionaries' / f'{name}.txt'
+    command += [f'-dict={words}'] if words.exists() else []
+    command += [found, here / 'corpus' / name]
     environment = dict(os.environ, OMP_NUM_THREADS='1', OMP_WAIT_POLICY='passive', UBSAN_OPTIONS='print_stacktrace=1',
                        ASAN_OPTIONS='malloc_context_size=4:quarantine_size_mb=16')
     with open(log, 'w') as to:

@@ -4,6 +4,8 @@
 #include "TableTracks.h"
 #include "TrackFiles.h"
 
+#include <algorithm>
+#include <cmath>
 #include <csignal>
 #include <random>
 #include <sys/resource.h>
@@ -225,6 +227,37 @@ TEST(BrokenTracks, EndlessLinesTakeNoMemory) {
     expectParts(errorOf({file}), {"endless.dat, line 1: ", "xport"});
   }
   EXPECT_LT(peak() - before, 100);
+}
+
+TEST(BrokenTracks, NumbersAtTheEndOfTheirRange) {
+  Folder folder;
+  const std::string head = "TrackID,FrameID,WorldX,WorldY,WorldZ\n", last = "9223372036854775807,1,1,2,3\n";
+  const Strings two = {folder.write("a.csv", head + last), folder.write("b.csv", head + "0,1,1,2,3\n")};
+  EXPECT_EQ(Series({two[0]}).read(0).trackId.at(0), 9223372036854775807);
+  expectParts(errorOf(two), {"b.csv: the track ids are too large", "one by one"});
+  // A time axis that stays finite, whatever is added to it.
+  Series times(
+      {folder.write("t.csv", "t,id,x,y,z\n1e308,1,1,2,3\n-1e308,2,1,2,3\n1e29,3,1,2,3\n-1e29,4,1,2,3\n")},
+      {0, 1e300, true});
+  ASSERT_EQ(times.line.times.size(), 2u);
+  EXPECT_TRUE(std::isfinite(times.line.times[1]) && times.line.times[1] > times.line.times[0]);
+  expectParts(joined(times.warnings), {"t.csv, line 2: 2 of 4 particles left out"});
+  Series zones(
+      {folder.write("t.dat",
+                    "VARIABLES = x y z\nZONE SOLUTIONTIME=1e308\n1 2 3\nZONE SOLUTIONTIME=-1e308\n1 2 3\n")},
+      {1, 0, true});
+  EXPECT_EQ(zones.line.times, (std::vector<double>{0, 1}));
+  // A velocity that is finite in the file's unit only.
+  Series fast(
+      {folder.write("v.csv", "t,id,x,y,z,u[m/us],v[m/us],w[m/us]\n0,1,1,2,3,1e35,1,1\n0,2,1,2,3,1,1,1\n")});
+  const TrackSnapshot s = fast.read(0);
+  EXPECT_TRUE(std::isnan(s.velocity[0]) && std::isnan(s.velocity[1]) && s.velocity[3] == 1e6f);
+  expectParts(joined(fast.warnings),
+              {"v.csv, time 0: 1 velocities or accelerations are beyond single precision", "units"});
+  Series chain({folder.write("ptv_is.9223372036854775806", "1\n-1 0 1 2 3\n"),
+                folder.write("ptv_is.9223372036854775807", "1\n0 -2 1 2 3\n")});
+  EXPECT_EQ(chain.tracks->snapshotCount(), 2u); // with one track
+  EXPECT_EQ(chain.read(0).trackId, (std::vector<std::int64_t>{0}));
 }
 
 TEST(BrokenTracks, RandomDamageNeverCrashes) {

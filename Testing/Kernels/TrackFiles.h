@@ -29,6 +29,7 @@ public:
   }
   std::string operator/(const std::string& name) const { return (path / name).string(); }
   std::string write(const std::string& name, const std::string& content) const {
+    std::filesystem::remove(path / name); // ext4 waits for the disk where a file is written over
     std::ofstream(path / name, std::ios::binary) << content;
     return *this / name;
   }
