@@ -298,6 +298,13 @@ TEST(SphereTrajectoryFile, isToldFromTracks) {
   EXPECT_FALSE(looks(Dialect().variables() + Dialect().zone(0, {1, 2, 3})));
   EXPECT_FALSE(looks(""));
   EXPECT_FALSE(looks(std::string(1000, '\0')));
+  // tracks with a diameter of something
+  const std::string tracks = Dialect().variables() + Dialect().zone(0, {1, 2, 3});
+  EXPECT_FALSE(looks("DIAMETER=11.11[mm]\n" + tracks));
+  for (const char* note : {"DATASETAUXDATA Particle Diameter=\"3\"\n", "PARTICLE_DIAMETER=3\n"}) {
+    EXPECT_FALSE(namesSphereDiameter(note + timed + rows)) << note;
+    EXPECT_TRUE(namesSphereDiameter(note + header + rows)) << note;
+  }
   // and the track reader does not take it for tracks
   const std::string sphere = folder.write("sphere.dat", header + rows);
   EXPECT_FALSE(looksLikeTracks(sphere));
