@@ -98,7 +98,13 @@ std::optional<std::pair<Entry::Name, std::size_t>> nameAtEnd(std::string_view be
   for (const auto& [word, name] : names) {
     if (!endsWith(plain, word)) continue;
     const std::size_t begin = at[plain.size() - std::strlen(word)];
-    if (begin == 0 || std::strchr(" \t,;", before[begin - 1])) return std::pair(name, begin); // a whole word
+    const std::string_view ahead = trimmed(before.substr(0, begin), " \t");
+    const bool wholeWord = begin == 0 || std::strchr(" \t,;\"]", before[begin - 1]);
+    const bool ofSphere = endsWith(upper(ahead), "SPHERE");
+    const bool ofAnother =
+        !ofSphere && !ahead.empty() && std::isalpha(static_cast<unsigned char>(ahead.back()));
+    if (wholeWord && !ofAnother) // not the diameter of the tracers
+      return std::pair(name, ofSphere ? ahead.size() - 6 + std::size_t(ahead.data() - before.data()) : begin);
   }
   if (plain == "DENSITYRATIO") return std::pair(Name::DensityRatio, at[0]);
   return {};
