@@ -95,8 +95,17 @@ std::optional<std::pair<Entry::Name, std::size_t>> nameAtEnd(std::string_view be
                                                 {"DIAMETER", Name::Diameter},
                                                 {"VARIABLES", Name::Variables},
                                                 {"TITLE", Name::Title}};
-  for (const auto& [word, name] : names)
-    if (endsWith(plain, word)) return std::pair(name, at[plain.size() - std::strlen(word)]);
+  for (const auto& [word, name] : names) {
+    if (!endsWith(plain, word)) continue;
+    const std::size_t begin = at[plain.size() - std::strlen(word)];
+    const std::string_view ahead = trimmed(before.substr(0, begin), " \t");
+    const bool wholeWord = begin == 0 || std::strchr(" \t,;\"]", before[begin - 1]);
+    const bool ofSphere = endsWith(upper(ahead), "SPHERE");
+    const bool ofAnother =
+        !ofSphere && !ahead.empty() && std::isalpha(static_cast<unsigned char>(ahead.back()));
+    if (wholeWord && !ofAnother) // not the diameter of the tracers
+      return std::pair(name, ofSphere ? ahead.size() - 6 + std::size_t(ahead.data() - before.data()) : begin);
+  }
   if (plain == "DENSITYRATIO") return std::pair(Name::DensityRatio, at[0]);
   return {};
 }
@@ -114,11 +123,14 @@ std::vector<Entry> entriesOf(const std::string& header) {
     const bool zone = upper(text.substr(word, 4)) == "ZONE" &&
                       (text.size() == word + 4 || !std::isalpha(static_cast<unsigned char>(text[word + 4])));
     if (zone) begin(Entry::Name::Zone, line + word, line + word + 4);
+    const std::string first = upper(text.substr(word, text.substr(word).find_first_of(" \t=")));
+    const bool auxiliary = endsWith(first, "AUXDATA"); // Tecplot's notes, of any name
+    if (auxiliary) begin(Entry::Name::Other, line + word, line + word);
     bool quoted = false;
     std::size_t from = 0; // what stands between here and a '=' may be a name
     for (std::size_t p = 0; p < text.size(); ++p) {
       if (text[p] == '"') quoted = !quoted;
-      if (text[p] != '=' || quoted) continue;
+      if (text[p] != '=' || quoted || auxiliary) continue;
       if (const auto known = nameAtEnd(text.substr(from, p - from)))
         begin(known->first, line + from + known->second, line + p + 1);
       else if (from == 0 && !zone)
@@ -421,12 +433,18 @@ void writeSphereTrajectory(const std::string& path, const SphereTrajectory& traj
 }
 
 bool namesSphereDiameter(std::string_view head) {
+  bool diameter = false, tracks = false;
   try {
-    for (const Entry& e : entriesOf(headerOf(head).text))
-      if (e.name == Entry::Name::Diameter) return true;
+    const std::string header = headerOf(head).text;
+    for (const Entry& e : entriesOf(header)) {
+      diameter = diameter || e.name == Entry::Name::Diameter;
+      if (e.name != Entry::Name::Variables) continue;
+      const std::string_view names = std::string_view(header).substr(e.value, e.end - e.value);
+      tracks = planTrackColumns(splitColumnNames(names), LengthUnit::Auto).hasTrackId;
+    }
   } catch (const Problem&) {
   }
-  return false;
+  return diameter && !tracks;
 }
 
 bool looksLikeSphereTrajectory(const std::string& path) {

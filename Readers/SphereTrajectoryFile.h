@@ -48,8 +48,8 @@ SphereTrajectory readSphereTrajectory(const std::string& path, const SphereTraje
 /// std::runtime_error when the file cannot be written.
 void writeSphereTrajectory(const std::string& path, const SphereTrajectory& trajectory);
 
-/// True when a file that begins so has a header entry DIAMETER: then it is a sphere's trajectory and no track
-/// table.
+/// True when a file that begins so has a header entry DIAMETER and no column of track ids: then it is a
+/// sphere's trajectory and no track table.
 bool namesSphereDiameter(std::string_view head);
 
 /// True for a file of this format, by its content: with a DIAMETER, or with times that increase from row to

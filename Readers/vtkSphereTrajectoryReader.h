@@ -10,9 +10,9 @@
  * `Centre` (m), `Velocity` (m/s), `Acceleration` (m/s2) (3 each), `Covariance` (6: xx yy zz xy yz xz, m2),
  * `Sigma` (3, m), `SigmaTensor` (9, m), `VelocitySigma`, `AccelerationSigma` (3), `Diameter` (m), `Status` (0
  * found, 1 predicted, 2 lost) and `StatusText`. What too few rows tell is left out. When lost: no point, and
- * Time, Diameter, Status and StatusText as field data. Output 2, Trajectory: a polyline over all rows that
- * are not lost, with the same arrays; what is not known there is no number. All have the field data
- * `DensityRatio` (solid over fluid) when the file has it.
+ * Time, Diameter, Status and StatusText as field data. Output 2, Trajectory: polylines through all rows
+ * that are not lost, broken where the sphere is lost in between, with the same arrays; what is not known
+ * there is no number. All have the field data `DensityRatio` (solid over fluid) when the file has it.
  *
  * At a time between two rows the centre is interpolated; velocity and acceleration, which the file does not
  * have, come from local polynomials through the rows (SphereMotion.h). So do the standard deviations, from

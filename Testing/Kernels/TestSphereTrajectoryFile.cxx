@@ -80,7 +80,7 @@ TEST(SphereTrajectoryFile, readsEveryDialect) {
       with(all, "SOLID/FLUID DENSITY RATIO=0.65\n", ""),
       "SOLID/FLUID DENSITY RATIO = 0.65\ndiameter = 1.111 [cm]\n" + variables + "\ntitle=\"a = b\"\n" + rows,
       "DIAMETER=11110[um], Solid / Fluid Density Ratio=0.65\nVARIABLES=time,X,Y,Z\n" + rows,
-      "DIAMETER=0.01111 m\nvariables = TIME [s], X [mm], Y [mm], Z [mm]\n" + rows,
+      "Sphere diameter=0.01111 m\nvariables = TIME [s], X [mm], Y [mm], Z [mm]\n" + rows,
       "DIAMETER=11.11\nVARIABLES = Time\n x\n y\n z\nTITLE=none\n" + rows,
       with(all, "SOLID", "ZONE T=\"sphere\", I=4\nSTRANDID=1, SOLUTIONTIME=3\nF=POINT\nSOLID"),
       header + "ZONE\n" + rows,
@@ -298,6 +298,14 @@ TEST(SphereTrajectoryFile, isToldFromTracks) {
   EXPECT_FALSE(looks(Dialect().variables() + Dialect().zone(0, {1, 2, 3})));
   EXPECT_FALSE(looks(""));
   EXPECT_FALSE(looks(std::string(1000, '\0')));
+  // tracks with a diameter of something
+  const std::string tracks = Dialect().variables() + Dialect().zone(0, {1, 2, 3});
+  EXPECT_FALSE(looks("DIAMETER=11.11[mm]\n" + tracks));
+  for (const char* note :
+       {"DATASETAUXDATA Particle Diameter=\"3\"\n", "PARTICLE_DIAMETER=3\n", "Tracer diameter = 50 um\n"}) {
+    EXPECT_FALSE(namesSphereDiameter(note + timed + rows)) << note;
+    EXPECT_TRUE(namesSphereDiameter(note + header + rows)) << note;
+  }
   // and the track reader does not take it for tracks
   const std::string sphere = folder.write("sphere.dat", header + rows);
   EXPECT_FALSE(looksLikeTracks(sphere));
