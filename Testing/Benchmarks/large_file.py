@@ -25,7 +25,7 @@ HEADER = ('TITLE = "B00001"\nVARIABLES = "x[mm]" "y[mm]" "z[mm]" "I" "Vx[m/s]" "
 ROW = "%.6f %.6f %.6f %.4f %.6f %.6f %.6f %.6f %d %.5g %.5g %.5g\n"
 BYTES_PER_ROW = 103.4
 CAMERAS = ",".join(f"cam{c}_{x}" for c in range(4) for x in ("x(col)", "y(row)"))
-LPT_BYTES_PER_ROW = 104.0
+LPT_BYTES_PER_ROW = 122.6
 
 
 class Tecplot:
@@ -114,7 +114,7 @@ def measure(path, data, render):
     if path.endswith(".pvd"):
         reader = simple.PVDReader(FileName=path)
     else:
-        reader = simple.STBTrackReader(FileNames=[path], **(data.settings() if data else {}))
+        reader = simple.STBTrackReader(**(data.settings() if data else {}), FileNames=[path])
     if render:
         simple.Show(reader, view)
         view.ResetCamera()
