@@ -3,8 +3,8 @@
 // when the motion between the rows is not that of the path.
 #include "SphereMotion.h"
 #include "SphereTrajectoryFile.h"
-#include "TrackFiles.h"
 #include "TrackFormat.h"
+#include "TrackReading.h"
 
 #include <clocale>
 #include <cmath>

@@ -2,7 +2,7 @@
 // damaged one crashes, gives half a snapshot, or fails without naming file, line and remedy.
 #include "PlainDecimal.h"
 #include "TecplotTracks.h"
-#include "TrackFiles.h"
+#include "TrackReading.h"
 #include "TrackRows.h"
 
 #include <cmath>
