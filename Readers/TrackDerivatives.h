@@ -9,6 +9,9 @@
 
 namespace rimflow {
 
+/// The defaults erred least on tracks of 4 to 40 snapshots around a sphere, at 19 and 38 frames per diameter
+/// of travel, with 2 to 15 um of noise. Motion that turns within some 40 frames, seen with little noise,
+/// wants order 3 with 7 to 11 points.
 struct TrackDerivativeOptions {
   int order = 2;  ///< of the polynomial in time, 2 to 5
   int window = 9; ///< points that it is fitted to, odd, > order, at most 31
