@@ -469,15 +469,19 @@ TEST(VtkSTBTrackReader, VelocitiesComeFromTheFileOrThePositions) {
   vtkNew<vtkSTBTrackReader> reader;
   for (int k = 1; k <= 6; ++k)
     reader->AddFileName((data + "old_8col/B0000" + std::to_string(k) + ".dat").c_str());
-  reader->SetFramePeriod(0.001);
+  reader->SetFramePeriod(0.0001);
+  constexpr double longest = 21; // a track that is in all six snapshots
   const double time = timesOf(reader)[3];
   const auto at = [&](int estimate, int order, int window) {
     reader->SetEstimateVelocities(estimate);
     reader->SetPolynomialOrder(order);
     reader->SetPolynomialWindow(window);
     reader->UpdateTimeStep(time);
-    vtkDataArray* v = reader->GetOutput()->GetPointData()->GetArray("Velocity");
-    return v ? v->GetComponent(0, 0) : std::nan("");
+    vtkPointData* arrays = reader->GetOutput()->GetPointData();
+    vtkDataArray *v = arrays->GetArray("Velocity"), *id = arrays->GetArray("TrackId");
+    for (vtkIdType p = 0; v && p < v->GetNumberOfTuples(); ++p)
+      if (id->GetComponent(p, 0) == longest) return v->GetComponent(p, 1);
+    return std::nan("");
   };
   const double file = at(vtkSTBTrackReader::MISSING, 2, 9), own = at(vtkSTBTrackReader::ALWAYS, 2, 5),
                other = at(vtkSTBTrackReader::ALWAYS, 3, 5);
@@ -485,7 +489,7 @@ TEST(VtkSTBTrackReader, VelocitiesComeFromTheFileOrThePositions) {
   EXPECT_FALSE(reader->GetOutput()->GetPointData()->HasArray("Acceleration"));
   EXPECT_NE(own, file);
   EXPECT_NE(own, other);
-  EXPECT_NEAR(own, file, 0.2 * std::abs(file));
+  EXPECT_NEAR(own, file, 0.3 * std::abs(file));
   Observed observed(reader);
   at(vtkSTBTrackReader::ALWAYS, 2, 6);
   EXPECT_TRUE(observed.saw("odd")) << observed.observer->GetErrorMessage();

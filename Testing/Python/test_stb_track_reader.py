@@ -93,7 +93,7 @@ class TestSTBTrackReader(unittest.TestCase):
             FramePeriod=0.5, TimeShift=2.0, ShiftTimeToZero=1, TrailLength=4, MinimumTrackLength=2, TrackIdRange=[3, 50], Stride=2, CacheSize=10,
             UseTimeRange=1, TimeRange=[2.0, 2.0065], TrackStatistics=1, PolynomialOrder=3, PolynomialWindow=7)
         reader = simple.STBTrackReader(
-            FileNames=ONE_FILE, LengthUnit="um", OutputMode="Pathlines", EstimateVelocities="Estimated", **settings)
+            FileNames=ONE_FILE, LengthUnit="um", OutputMode="Pathlines", EstimateVelocities="Always", **settings)
         reader.UpdatePipeline(2.006)
         inside = reader.SMProxy.GetClientSideObject()
         self.assertEqual(inside.GetLengthUnit(), vtkSTBTrackReader.MICROMETRE)
