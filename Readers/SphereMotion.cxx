@@ -109,8 +109,9 @@ SphereMotion::Fit SphereMotion::fit(std::size_t row) const {
   Eigen::MatrixX3d places(in.size(), 3);
   const Eigen::Vector3d origin = centres_[in.front()]; // differences keep their digits
   for (std::size_t i = 0; i < in.size(); ++i) {
-    for (int k = 0; k <= f.order; ++k)
-      powers(Eigen::Index(i), k) = std::pow((times_[in[i]] - t) / f.scale, k);
+    powers(Eigen::Index(i), 0) = 1;
+    for (int k = 1; k <= f.order; ++k)
+      powers(Eigen::Index(i), k) = powers(Eigen::Index(i), k - 1) * (times_[in[i]] - t) / f.scale;
     places.row(Eigen::Index(i)) = (centres_[in[i]] - origin).transpose();
   }
   const Eigen::HouseholderQR<Eigen::MatrixXd> qr(powers);
