@@ -20,7 +20,8 @@ struct TrackColumnPlan {
     bool clock = false; ///< a Further one with frames or times: a row without one is left out
   };
   std::vector<Column> columns; ///< in the file's order
-  char delimiter = 0; ///< between values of which some may be missing; 0: blanks, commas, ... all alike
+  char delimiter = 0;   ///< between values of which some may be missing; 0: blanks, commas, ... all alike
+  bool hasText = false; ///< some of the columns left out hold text
   bool hasVelocity = false, hasAcceleration = false, hasIntensity = false, hasTrackId = false;
   std::vector<std::string> furtherNames; ///< without units, in UTF-8, each different from all other arrays
   std::string lengthUnit, velocityUnit,

@@ -220,8 +220,23 @@ bool parseRowWithGaps(const char* line, const char* lineEnd, char delimiter, con
   return true;
 }
 
+// Separators other than the delimiter could hide that a value is missing: blanks in texts, decimal commas.
+// Only these two cases need a look at every row.
+bool strictly(const TrackColumnPlan& plan) {
+  return plan.delimiter == ';' || (plan.delimiter && plan.hasText);
+}
+bool hasOtherSeparators(const char* line, const char* lineEnd, const TrackColumnPlan& plan) {
+  const std::size_t bytes = std::size_t(lineEnd - line);
+  return (plan.delimiter == ';' && std::memchr(line, ',', bytes)) ||
+         (plan.hasText && (std::memchr(line, ' ', bytes) || std::memchr(line, '\t', bytes)));
+}
+
+const char* lineEndOf(const char* line, const char* end) {
+  return static_cast<const char*>(std::memchr(line, '\n', std::size_t(end - line)));
+}
+
 // Reads the rows of a chunk into the arrays; `advance` is 0 when only the first fault is looked for.
-void parseChunk(Chunk& chunk, const char* text, char delimiter, const std::vector<Field>& fields,
+void parseChunk(Chunk& chunk, const char* text, const TrackColumnPlan& plan, const std::vector<Field>& fields,
                 std::size_t advance, const std::atomic<bool>& stopped) {
   TrackRowsResult& result = chunk.result;
   const auto offset = [&](const char* p) { return std::size_t(chunk.origin + (p - chunk.begin) - text); };
@@ -238,14 +253,23 @@ void parseChunk(Chunk& chunk, const char* text, char delimiter, const std::vecto
     if (*p == '\n') continue;
     const char* const line = p;
     if (*p == '#') {
-      p = static_cast<const char*>(std::memchr(p, '\n', std::size_t(end - p)));
+      p = lineEndOf(p, end);
       continue;
     }
     bool finite = true;
-    const RowFault found = parseRow(p, end, fields.data(), fields.size(), row, finite);
+    RowFault found;
+    const char* const lineEnd = strictly(plan) ? lineEndOf(line, end) : nullptr;
+    const bool strict = lineEnd && hasOtherSeparators(line, lineEnd, plan);
+    if (strict && parseRowWithGaps(begin, lineEnd, plan.delimiter, fields, row, finite)) {
+      p = lineEnd;
+    } else {
+      found = parseRow(p, end, fields.data(), fields.size(), row, finite);
+      if (strict && found.fault == Fault::None) found = {Fault::TooMany, line, 0};
+    }
     if (found.fault != Fault::None) {
-      p = static_cast<const char*>(std::memchr(line, '\n', std::size_t(end - line)));
-      if (!delimiter || !parseRowWithGaps(begin, p, delimiter, fields, row, finite)) return fault(found);
+      p = lineEndOf(line, end);
+      if (!plan.delimiter || strict || !parseRowWithGaps(begin, p, plan.delimiter, fields, row, finite))
+        return fault(found);
     }
     ++result.rows;
     if (finite) {
@@ -417,7 +441,7 @@ TrackRowsResult readTrackRows(std::string_view text, const TrackColumnPlan& plan
     for (int c = 0; c < n; ++c) {
       // Chunks are handed out in order, so the first fault of the file is always among those that are read.
       if (stopped || faulty) continue;
-      parseChunk(chunks[std::size_t(c)], text.data(), plan.delimiter, fields, store ? 1 : 0, stopped);
+      parseChunk(chunks[std::size_t(c)], text.data(), plan, fields, store ? 1 : 0, stopped);
       if (chunks[std::size_t(c)].result.fault != Fault::None) faulty = true;
       const int finished = ++done;
       if (omp_get_thread_num() == 0 && !goOn(progress, double(finished) / n)) stopped = true;

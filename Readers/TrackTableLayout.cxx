@@ -22,6 +22,8 @@ void skip(TrackColumnPlan& plan, std::size_t column) {
 TrackColumnPlan outputPlan(const TrackTableLayout& layout, LengthUnit unit) {
   TrackColumnPlan plan = planTrackColumns(layout.columns, unit);
   plan.delimiter = layout.delimiter;
+  plan.hasText = layout.delimiter &&
+                 std::find(layout.ignored.begin(), layout.ignored.end(), true) != layout.ignored.end();
   for (std::size_t c = 0; c < layout.ignored.size(); ++c)
     if (layout.ignored[c]) skip(plan, c);
   if (layout.frame >= 0) skip(plan, std::size_t(layout.frame));

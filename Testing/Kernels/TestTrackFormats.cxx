@@ -388,6 +388,12 @@ TEST(Table, ValuesMayBeMissingBetweenCommasOrSemicolons) {
     EXPECT_EQ(byFile.read(0).trackId, (Ids{5})) << value;
     expectParts(byFile.warnings.at(0), {"p.csv, line 2: 2 of 3 particles left out"});
   }
+  // A blank in a text, or a decimal comma, does not stand in for the value that is missing.
+  Series text({folder.write("t.csv", "id,note,frame,x,y,z\n1,a 5,0,1,2,3\n2,a 5,,1,2,3\n3,b,0,1,2,3\n")});
+  EXPECT_EQ(text.line.times, (std::vector<double>{0}));
+  EXPECT_EQ(text.read(0).trackId, (Ids{1, 3}));
+  expectParts(errorOf({folder.write("t.csv", "id;frame;x;y;z\n1;0;1;2;3\n1;0;1,5;;3\n")}),
+              {"t.csv, line 3: ", "decimal points"});
   // Many of them, so that they are in several chunks.
   std::string many = "frame,id,x,y,z,mass\n";
   for (long i = 0; i < 40000; ++i) many += "1," + std::to_string(i) + (i % 2 ? ",1,2,,5\n" : ",1,2,3,\n");
