@@ -2,7 +2,7 @@
 // that it does not hold, or fails without saying which file, which line and what to do.
 #include "FrameTracks.h"
 #include "TableTracks.h"
-#include "TrackFiles.h"
+#include "TrackReading.h"
 
 #include <algorithm>
 #include <cmath>

@@ -5,8 +5,8 @@
 #include "MyPTVTracks.h"
 #include "OpenLPTTracks.h"
 #include "TableTracks.h"
-#include "TrackFiles.h"
 #include "TrackFormat.h"
+#include "TrackReading.h"
 
 #include <algorithm>
 #include <cmath>
