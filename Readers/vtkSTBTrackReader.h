@@ -161,7 +161,7 @@ public:
 
   ///@{
   /// Memory for snapshots that were read before, MiB: going back, and moving a pathline window on, need not
-  /// read them again. Default 256. Range 0 and more.
+  /// read them again. Default 64. Range 0 and more.
   vtkSetClampMacro(CacheSize, int, 0, VTK_INT_MAX);
   vtkGetMacro(CacheSize, int);
   ///@}
@@ -188,7 +188,7 @@ protected:
   int EstimateVelocities = MISSING;
   int PolynomialOrder = 2;
   int PolynomialWindow = 9;
-  int CacheSize = 256;
+  int CacheSize = 64;
 
 private:
   vtkSTBTrackReader(const vtkSTBTrackReader&) = delete;

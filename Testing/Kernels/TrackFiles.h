@@ -1,8 +1,11 @@
 #pragma once
-// What the reader tests share: a folder that vanishes, and small track files in every dialect.
+// What the reader tests share: a folder that vanishes, small track files in every dialect, damage, and ways
+// to read files and messages.
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
+#include <gtest/gtest.h>
+#include <random>
 #include <stdexcept>
 #include <string>
 #include <unistd.h>
@@ -81,5 +84,41 @@ struct Dialect {
     return text;
   }
 };
+
+using Strings = std::vector<std::string>;
+
+inline void expectParts(const std::string& text, const Strings& parts) {
+  for (const std::string& part : parts)
+    EXPECT_NE(text.find(part), std::string::npos) << part << "\nis not in: " << text;
+}
+
+inline std::string joined(const Strings& texts) {
+  std::string all;
+  for (const std::string& t : texts) all += t + "\n";
+  return all;
+}
+
+/// A text after some random changes: bytes replaced, left out or put in, pieces repeated.
+inline std::string damaged(std::string text, std::mt19937& random, int changes) {
+  static const std::string bytes = "0123456789.,;+-eE \t\r\n\"=()ZONEVARIABLESIJK#xyztfid\xB2\xFF[]";
+  for (int change = 0; change < changes; ++change) {
+    const std::size_t at = random() % text.size();
+    switch (random() % 4) {
+    case 0:
+      text[at] = bytes[random() % bytes.size()];
+      break;
+    case 1:
+      text.erase(at, 1 + random() % 30);
+      break;
+    case 2:
+      text.insert(at, 1 + random() % 3, bytes[random() % bytes.size()]);
+      break;
+    default:
+      text.insert(at, text.substr(random() % text.size(), random() % 150));
+    }
+    if (text.empty()) text = " ";
+  }
+  return text;
+}
 
 } // namespace testing_tracks

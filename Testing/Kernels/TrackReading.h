@@ -1,16 +1,11 @@
 #pragma once
-// What the kernel tests of the track formats share: ways to read files and messages, and damage.
+// Files of any track format opened and read, and what is said about them.
 #include "TrackFiles.h"
 #include "TrackFormat.h"
 
-#include <gtest/gtest.h>
-#include <random>
-#include <string>
-#include <vector>
+#include <memory>
 
 namespace testing_tracks {
-
-using Strings = std::vector<std::string>;
 
 /// Files that are open, and their warnings.
 struct Series {
@@ -54,40 +49,6 @@ inline std::string errorOf(const Strings& files, double framePeriod = 0.5) {
     return e.what();
   }
   return "no error";
-}
-
-inline void expectParts(const std::string& text, const Strings& parts) {
-  for (const std::string& part : parts)
-    EXPECT_NE(text.find(part), std::string::npos) << part << "\nis not in: " << text;
-}
-
-inline std::string joined(const Strings& texts) {
-  std::string all;
-  for (const std::string& t : texts) all += t + "\n";
-  return all;
-}
-
-/// A text after some random changes: bytes replaced, left out or put in, pieces repeated.
-inline std::string damaged(std::string text, std::mt19937& random, int changes) {
-  static const std::string bytes = "0123456789.,;+-eE \t\r\n\"=()ZONEVARIABLESIJK#xyztfid\xB2\xFF[]";
-  for (int change = 0; change < changes; ++change) {
-    const std::size_t at = random() % text.size();
-    switch (random() % 4) {
-    case 0:
-      text[at] = bytes[random() % bytes.size()];
-      break;
-    case 1:
-      text.erase(at, 1 + random() % 30);
-      break;
-    case 2:
-      text.insert(at, 1 + random() % 3, bytes[random() % bytes.size()]);
-      break;
-    default:
-      text.insert(at, text.substr(random() % text.size(), random() % 150));
-    }
-    if (text.empty()) text = " ";
-  }
-  return text;
 }
 
 } // namespace testing_tracks
