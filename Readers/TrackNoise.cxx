@@ -18,7 +18,7 @@ constexpr Array arrays[3] = {&TrackSnapshot::position, &TrackSnapshot::velocity,
 
 constexpr int fewNeighbours = 20, manyNeighbours = 40; // of a quadratic fit in space (10 coefficients)
 constexpr std::size_t fewestForSpace = 60;             // tracks
-constexpr std::size_t sampledTracks = 1500;
+constexpr std::size_t sampledTracks = 800;
 constexpr int spanForMeans = 9; // snapshots; below, a tracker's filter may be as long as the span
 
 /// Vectors of the sampled tracks through the span: value(track, snapshot, component).

@@ -13,7 +13,7 @@ struct TrackNoise {
 };
 
 /// Snapshots that measureTrackNoise looks at: those of the window nearest to the current one.
-inline constexpr std::size_t noiseSnapshots = 13;
+inline constexpr std::size_t noiseSnapshots = 9;
 
 /// The noise of positions, and of velocities and accelerations where the snapshots have them, in the
 /// snapshots around the current one. Two things are looked at, on 1500 tracks at most:
@@ -32,7 +32,7 @@ inline constexpr std::size_t noiseSnapshots = 13;
 ///
 /// With 13 snapshots, white noise is told within 5 %, noise after a tracker's quadratic or cubic fit over 7
 /// to 11 frames within 20 %. Where it fails:
-/// - smoothing over more than about 13 frames: the positions' noise is told too low (0.8 of it at 20 frames);
+/// - smoothing over more than about 10 frames: the positions' noise is told too low (0.8 of it at 20 frames);
 /// - tracks of 5 to 15 snapshots fitted by one parabola each: velocities are told at 0.55 to 0.8 of their
 ///   noise, which is largest at the ends, positions at 0.6 to 1;
 /// - noise that neighbours share (calibration, vibration) is no noise here;

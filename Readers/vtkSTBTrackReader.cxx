@@ -91,12 +91,14 @@ struct vtkSTBTrackReader::Series {
   rimflow::TrackSeries series;
   vtkNew<vtkPolyData> wholePathlines; // the same at all times
   vtkMTimeType wholeMTime = 0;
+  double shown = 0; // progress
 
   explicit Series(vtkSTBTrackReader* reader) : self(reader) {}
 
   rimflow::Progress progress(double from, double to) {
     return [this, from, to](double fraction) {
-      self->UpdateProgress(from + fraction * (to - from));
+      const double now = from + fraction * (to - from);
+      if (std::abs(now - shown) >= 0.01) self->UpdateProgress(shown = now); // observers cost time
       return !rimflow::aborted(self);
     };
   }

@@ -484,7 +484,7 @@ TEST(VtkSTBTrackReader, VelocitiesComeFromTheFileOrThePositions) {
     return std::nan("");
   };
   const double file = at(vtkSTBTrackReader::MISSING, 2, 9), own = at(vtkSTBTrackReader::ALWAYS, 2, 5),
-               other = at(vtkSTBTrackReader::ALWAYS, 3, 5);
+               other = at(vtkSTBTrackReader::ALWAYS, 2, 3);
   EXPECT_EQ(at(vtkSTBTrackReader::NEVER, 2, 9), file);
   EXPECT_FALSE(reader->GetOutput()->GetPointData()->HasArray("Acceleration"));
   EXPECT_NE(own, file);
