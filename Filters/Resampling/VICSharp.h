@@ -25,7 +25,10 @@ struct VICSharpOptions {
   double viscosity = 1.1e-6;    ///< nu, m2/s, >= 0
   double velocityNoise = 0;     ///< standard deviation per component, m/s; 0: estimated
   double accelerationNoise = 0; ///< standard deviation per component, m/s2; 0: estimated
-  int maximumIterations = 300;  ///< on the finest grid, >= 1
+  /// Of the noise as it was measured along the tracks, >= 0: estimates are not taken lower. They may be
+  /// higher, by what the grid cannot resolve.
+  double leastVelocityNoise = 0, leastAccelerationNoise = 0;
+  int maximumIterations = 300; ///< on the finest grid, >= 1
   double tolerance = 0.002; ///< stop when an iteration gains less than this part of the noise variance, > 0
   double padding = 1;       ///< computed beyond the faces of the grid, in mean particle spacings, >= 0
   double accelerationWeight = 0; ///< alpha, >= 0; 0: from the noise levels

@@ -157,13 +157,16 @@ private:
     const std::vector<double>&u = model.velocityMisfits(), &a = model.accelerationMisfits();
     VICSharpCalibration c;
     c.curvatureWeight = weight;
-    c.velocityNoise =
-        options_.velocityNoise > 0 ? options_.velocityNoise : estimate(pick(u, used_), pick(u, heldOut_));
+    c.velocityNoise = options_.velocityNoise > 0 ? options_.velocityNoise
+                                                 : std::max(estimate(pick(u, used_), pick(u, heldOut_)),
+                                                            options_.leastVelocityNoise);
     c.velocityHeldOut = rmsComponent(pick(u, heldOut_));
     if (!model.hasAccelerationData()) return c;
     const std::vector<double> heldOut = pick(a, accelerated(heldOut_));
-    c.accelerationNoise = options_.accelerationNoise > 0 ? options_.accelerationNoise
-                                                         : estimate(pick(a, accelerated(used_)), heldOut);
+    c.accelerationNoise =
+        options_.accelerationNoise > 0
+            ? options_.accelerationNoise
+            : std::max(estimate(pick(a, accelerated(used_)), heldOut), options_.leastAccelerationNoise);
     c.accelerationHeldOut = rmsComponent(heldOut);
     return c;
   }

@@ -30,8 +30,9 @@ void check(const VICSharpTracks& t, const VICSharpOptions& o) {
       std::abs(o.grid.spacing[0] / o.grid.spacing[2] - 1) > 1e-6)
     throw std::invalid_argument("the grid must have the same spacing along all axes");
   bool valid = o.maximumIterations >= 1 && o.tolerance > 0 && o.heldOut > 0 && o.heldOut < 0.5;
-  for (double v : {o.viscosity, o.velocityNoise, o.accelerationNoise, o.tolerance, o.padding,
-                   o.accelerationWeight, o.curvatureWeight, o.outliers})
+  for (double v :
+       {o.viscosity, o.velocityNoise, o.accelerationNoise, o.leastVelocityNoise, o.leastAccelerationNoise,
+        o.tolerance, o.padding, o.accelerationWeight, o.curvatureWeight, o.outliers})
     valid = valid && v >= 0 && std::isfinite(v);
   if (!valid)
     throw std::invalid_argument(

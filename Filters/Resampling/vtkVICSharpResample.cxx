@@ -217,18 +217,18 @@ int vtkVICSharpResample::RequestData(vtkInformation*, vtkInformationVector** inp
     options.grid = state.grid;
     options.viscosity = this->Viscosity;
     options.maximumIterations = this->MaximumIterations;
-    const auto useNoise = [&](double velocity, double acceleration) { // what the user has set goes first
-      options.velocityNoise = this->VelocityNoise > 0 ? this->VelocityNoise : velocity;
-      options.accelerationNoise = this->AccelerationNoise > 0 ? this->AccelerationNoise : acceleration;
-    };
+    options.velocityNoise = this->VelocityNoise;
+    options.accelerationNoise = this->AccelerationNoise;
+    options.leastVelocityNoise = state.sampleVelocityNoise;
+    options.leastAccelerationNoise = state.sampleAccelerationNoise;
     const bool warm = this->WarmStart && state.sample.velocities;
     if (warm && !state.calibration) {
-      useNoise(state.sampleVelocityNoise, state.sampleAccelerationNoise);
       state.calibration =
           rimflow::calibrateVICSharp(state.sample.view(), options, this->ProgressBetween(0, 0.3));
       if (!state.calibration) return 1; // aborted: the output stays empty
     }
-    useNoise(fieldNumber(particles, "VelocityNoise"), fieldNumber(particles, "AccelerationNoise"));
+    options.leastVelocityNoise = fieldNumber(particles, "VelocityNoise");
+    options.leastAccelerationNoise = fieldNumber(particles, "AccelerationNoise");
     if (bodyData) options.body = rimflow::bodyOf(bodyData);
     const rimflow::VICSharpResult result =
         rimflow::vicSharp(tracks.view(), options, warm ? &*state.calibration : nullptr,

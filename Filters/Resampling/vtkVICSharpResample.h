@@ -59,7 +59,7 @@ public:
 
   ///@{
   /// Standard deviation of the measured velocity (m/s) and acceleration (m/s2) per component. 0 (default):
-  /// what the particles say in their field data (arrays of the same names), else estimated.
+  /// estimated; not less than what the particles say in their field data (arrays of the same names).
   vtkSetClampMacro(VelocityNoise, double, 0, VTK_DOUBLE_MAX);
   vtkGetMacro(VelocityNoise, double);
   vtkSetClampMacro(AccelerationNoise, double, 0, VTK_DOUBLE_MAX);
