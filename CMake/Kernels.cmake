@@ -24,7 +24,10 @@ set(rimflow_parsers
   Readers/TrackColumns.cxx
   Readers/TrackFormat.cxx
   Readers/TrackMessages.cxx
+  Readers/TrackPathlines.cxx
   Readers/TrackRows.cxx
+  Readers/TrackSelection.cxx
+  Readers/TrackStatistics.cxx
   Readers/TrackTableLayout.cxx
   Readers/TrackTexts.cxx
   Readers/TrackTimeline.cxx
@@ -35,10 +38,7 @@ add_library(rimflow_kernels STATIC
   Readers/SphereMotion.cxx
   Readers/TrackDerivatives.cxx
   Readers/TrackNoise.cxx
-  Readers/TrackPathlines.cxx
-  Readers/TrackSelection.cxx
   Readers/TrackSeries.cxx
-  Readers/TrackStatistics.cxx
   Readers/TrackSynthesis.cxx
   Filters/Common/BoxPoisson.cxx
   Filters/Common/Interpolation.cxx
