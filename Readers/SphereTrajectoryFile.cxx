@@ -359,8 +359,8 @@ std::string textOf(const SphereTrajectory& t) {
   char* const end =
       std::to_chars(diameter, diameter + sizeof diameter, 1e3 * t.diameter, std::chars_format::general, 15)
           .ptr;
-  std::string text =
-      "TITLE = \"" + title + "\"\n" + headerExample + "\nDIAMETER=" + std::string(diameter, std::size_t(end - diameter)) + "[mm]\n";
+  std::string text = "TITLE = \"" + title + "\"\n" + headerExample +
+                     "\nDIAMETER=" + std::string(diameter, std::size_t(end - diameter)) + "[mm]\n";
   if (t.densityRatio > 0) text += "SOLID/FLUID DENSITY RATIO=" + shortest(t.densityRatio) + "\n";
   for (std::size_t i = 0; i < t.time.size(); ++i) {
     text += shortest(t.time[i]);
