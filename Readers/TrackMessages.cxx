@@ -105,6 +105,10 @@ std::string foreignFormat(std::string_view head) {
   if (head.substr(0, 4096).find("SetIdentifier") != head.npos)
     return std::string("this is DaVis' own .set file, which cannot be read here. ") + davisExportAdvice;
   if (begins("#!TDV") || begins("#!SZPLT")) return "this is a binary Tecplot file." + asAscii;
+  if (begins("\x89HDF"))
+    return "this is an HDF5 file (flowtracks, for instance), which is not read. Save its particles as CSV "
+           "with "
+           "a header (trajid, frame, x[m], y[m], z[m]).";
   if (begins("\xFF\xFE") || begins("\xFE\xFF"))
     return "this text is in UTF-16; expected plain text (ASCII, Latin-1 or UTF-8). Save it as UTF-8.";
   if (head.substr(0, 4096).find('\0') != head.npos)

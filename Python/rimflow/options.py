@@ -126,7 +126,7 @@ def convert_parser():
     p = argparse.ArgumentParser(
         prog="rimflow convert", usage="rimflow convert IN... OUT.pvd [options]",
         description="From track files in any format to a series in binary, OUT.pvd, with one .vtp per snapshot in the folder OUT: "
-        "the same numbers, opened at once and at any snapshot by every ParaView.")
+        "the same numbers, opened at once and at any snapshot by ParaView, with or without the plugin.")
     p.add_argument("files", nargs="+", metavar="FILE", help="the track files, and last the .pvd to write")
     _add_which(p)
     p.add_argument("--length-unit", choices=UNITS, default=None, help="of the positions (default: the files' own; mm where they have none)")

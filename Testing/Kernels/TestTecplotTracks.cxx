@@ -504,6 +504,8 @@ TEST(TecplotTracksDamage, EveryKindNamesFileLineAndRemedy) {
               {"t.dat: this is a binary file", "Tecplot ASCII"});
   expectParts(tecplotErrorOf({folder.write("t.dat", "#!TDV112\1\2")}),
               {"t.dat: this is a binary Tecplot file", "Tecplot ASCII"});
+  expectParts(errorOf({folder.write("t.h5", std::string("\x89HDF\r\n\x1a\n", 8) + std::string(64, 0))}),
+              {"t.h5: this is an HDF5 file", "CSV"});
   expectParts(tecplotErrorOf({folder.write("t.dat", "\xFF\xFEV\0A\0")}), {"t.dat: ", "UTF-16", "UTF-8"});
   const std::string set = folder.write("t.set", "SetIdentifier = \"ParticleField\";\nVersion = 1;\n");
   EXPECT_TRUE(TecplotTracks::canRead(set)); // so that the user gets to read this:
