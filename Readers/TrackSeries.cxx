@@ -1,6 +1,7 @@
 #include "TrackSeries.h"
 
 #include "TrackFormat.h"
+#include "TrackMessages.h"
 
 #include <algorithm>
 #include <cmath>
@@ -70,17 +71,23 @@ void TrackSeries::use(const Settings& wanted) {
   settings = wanted;
   cache.setLimit(settings.cacheBytes);
   std::vector<std::string> found;
-  line = tracks->timeline(settings.time, found);
+  TrackTimeline arranged = tracks->timeline(settings.time, found);
+  if (arranged.entries != line.entries) { // snapshots have other numbers now
+    cache.clear();
+    noiseFound.reset();
+    spans.reset();
+  }
+  line = std::move(arranged);
   for (const std::string& w : found) warn(w);
   const auto [from, to] =
       settings.timeRange.value_or(std::array<double, 2>{line.times.front(), line.times.back()});
   const auto begin = std::lower_bound(line.times.begin(), line.times.end(), from);
   const auto end = std::upper_bound(line.times.begin(), line.times.end(), to);
   if (begin >= end)
-    throw std::runtime_error(
-        "No snapshot lies in the time range from " + std::to_string(from) + " s to " + std::to_string(to) +
-        " s: the series goes from " + std::to_string(line.times.front()) + " s to " +
-        std::to_string(line.times.back()) + " s. Set TimeRange to times within it, or UseTimeRange off.");
+    throw std::runtime_error("No snapshot lies in the time range from " + shortNumber(from) + " s to " +
+                             shortNumber(to) + " s: the series goes from " + shortNumber(line.times.front()) +
+                             " s to " + shortNumber(line.times.back()) +
+                             " s. Set TimeRange to times within it, or UseTimeRange off.");
   shown = {std::size_t(begin - line.times.begin()), std::size_t(end - line.times.begin()) - 1};
 }
 
