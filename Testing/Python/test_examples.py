@@ -61,6 +61,16 @@ class TestExamples(unittest.TestCase):
                          os.path.join(SOURCE, "Examples", "pvpython", "uncertainty.py"), TRACKS, "0.00953", picture)
         self.assertGreater(os.path.getsize(picture), 20000)
 
+    def test_pvpython_pathlines(self):
+        picture = os.path.join(self.folder, "pathlines.png")
+        printed = self.run_example(os.path.join(SOURCE, "rimflow"), "with-display", "pvpython",
+                                   os.path.join(SOURCE, "Examples", "pvpython", "pathlines.py"), "12", picture, TRACKS)
+        self.assertRegex(printed, r"[1-9]\d{3} lines in 16 snapshots, the longest with 16 points")
+        noise = dict(re.findall(r"(\w+Noise) (\S+?)(?:,|$)", printed, re.MULTILINE))
+        self.assertAlmostEqual(float(noise["PositionNoise"]), 5e-6, delta=0.5e-6)
+        self.assertAlmostEqual(float(noise["VelocityNoise"]), 0.01 * 0.25, delta=0.1 * 0.0025)
+        self.assertGreater(os.path.getsize(picture), 50000)
+
     def test_pvpython_forces_of_known_path(self):
         # the true path, in other times than those of the tracks, and lost for a while
         with open(os.path.join(self.folder, "path.dat"), "w", encoding="ascii") as f:
