@@ -25,15 +25,22 @@
 #include <cmath>
 #include <numeric>
 #include <stdexcept>
+#include <type_traits>
 #include <utility>
 
 vtkStandardNewMacro(vtkSTBTrackReader);
 
 namespace {
 
-template <class ArrayType, class T>
-vtkSmartPointer<ArrayType> makeArray(const char* name, int components, const std::vector<T>& values) {
-  auto array = vtkSmartPointer<ArrayType>::New();
+// Whole numbers become ids.
+template <class T>
+using ArrayOf =
+    std::conditional_t<std::is_same_v<T, float>, vtkFloatArray,
+                       std::conditional_t<std::is_same_v<T, double>, vtkDoubleArray, vtkIdTypeArray>>;
+
+template <class T>
+vtkSmartPointer<ArrayOf<T>> makeArray(const char* name, int components, const std::vector<T>& values) {
+  auto array = vtkSmartPointer<ArrayOf<T>>::New();
   array->SetName(name);
   array->SetNumberOfComponents(components);
   array->SetNumberOfTuples(vtkIdType(values.size()) / components);
@@ -41,39 +48,48 @@ vtkSmartPointer<ArrayType> makeArray(const char* name, int components, const std
   return array;
 }
 
+template <class T>
+void release(std::vector<T>& values) {
+  std::vector<T>().swap(values);
+}
+template <class T>
+void release(const std::vector<T>&) {} // somebody else needs them
+
 // Points and point arrays. A snapshot without particles has the arrays of its columns too, so that what
-// follows in the pipeline finds the same names at all times.
-void fillPoints(vtkPolyData* output, const rimflow::TrackSnapshot& s, const rimflow::TrackColumnPlan& plan) {
+// follows in the pipeline finds the same names at all times. What is not const is emptied on the way, so that
+// a recording of lines is not twice in memory.
+template <class Snapshot>
+void fillPoints(vtkPolyData* output, Snapshot& s, const rimflow::TrackColumnPlan& plan) {
+  const bool empty = s.size() == 0;
   vtkNew<vtkPoints> points;
-  points->SetData(makeArray<vtkFloatArray>("Points", 3, s.position));
+  points->SetData(makeArray("Points", 3, s.position));
+  release(s.position);
   output->SetPoints(points);
   vtkPointData* data = output->GetPointData();
-  const auto there = [&](const auto& values, bool column) {
-    return !values.empty() || (s.size() == 0 && column);
+  const auto add = [&](const char* name, int components, auto& values, bool column) {
+    if (!values.empty() || (empty && column)) data->AddArray(makeArray(name, components, values));
+    release(values);
   };
-  if (there(s.velocity, plan.hasVelocity))
-    data->AddArray(makeArray<vtkFloatArray>("Velocity", 3, s.velocity));
-  if (there(s.acceleration, plan.hasAcceleration))
-    data->AddArray(makeArray<vtkFloatArray>("Acceleration", 3, s.acceleration));
-  if (there(s.trackId, plan.hasTrackId)) data->AddArray(makeArray<vtkIdTypeArray>("TrackId", 1, s.trackId));
-  if (there(s.intensity, plan.hasIntensity))
-    data->AddArray(makeArray<vtkFloatArray>("Intensity", 1, s.intensity));
-  for (const rimflow::TrackColumn& c : s.further)
-    data->AddArray(makeArray<vtkDoubleArray>(c.name.c_str(), 1, c.values));
-  if (s.size() == 0 && s.further.empty())
+  add("Velocity", 3, s.velocity, plan.hasVelocity);
+  add("Acceleration", 3, s.acceleration, plan.hasAcceleration);
+  add("TrackId", 1, s.trackId, plan.hasTrackId);
+  add("Intensity", 1, s.intensity, plan.hasIntensity);
+  for (auto& c : s.further) add(c.name.c_str(), 1, c.values, true);
+  if (empty && s.further.empty())
     for (const std::string& name : plan.furtherNames)
-      data->AddArray(makeArray<vtkDoubleArray>(name.c_str(), 1, std::vector<double>()));
+      data->AddArray(makeArray(name.c_str(), 1, std::vector<double>()));
   data->SetActiveVectors("Velocity");
 }
 
 // Cells over consecutive points: cell c is points offsets[c] to offsets[c+1].
 vtkSmartPointer<vtkCellArray> consecutive(const std::vector<vtkIdType>& offsets) {
-  std::vector<vtkIdType> points(std::size_t(offsets.back() - offsets.front()));
-  std::iota(points.begin(), points.end(), offsets.front());
+  vtkNew<vtkIdTypeArray> points;
+  points->SetNumberOfTuples(offsets.back() - offsets.front());
+  std::iota(points->GetPointer(0), points->GetPointer(0) + points->GetNumberOfTuples(), offsets.front());
   std::vector<vtkIdType> fromZero(offsets);
   for (vtkIdType& o : fromZero) o -= offsets.front();
   auto cells = vtkSmartPointer<vtkCellArray>::New();
-  cells->SetData(makeArray<vtkIdTypeArray>("", 1, fromZero), makeArray<vtkIdTypeArray>("", 1, points));
+  cells->SetData(makeArray("", 1, fromZero), points);
   return cells;
 }
 
@@ -161,17 +177,17 @@ struct vtkSTBTrackReader::Series {
     }
     if (self->TrackStatistics) series.addStatistics(lines.points, lines.time);
     fillPoints(output, lines.points, series.columns(to));
-    output->GetPointData()->AddArray(makeArray<vtkDoubleArray>("Time", 1, lines.time));
+    output->GetPointData()->AddArray(makeArray("Time", 1, lines.time));
+    release(lines.time);
     const auto middle = lines.offsets.begin() + std::ptrdiff_t(lines.singles);
     output->SetVerts(consecutive({lines.offsets.begin(), middle + 1}));
     output->SetLines(consecutive({middle, lines.offsets.end()}));
-    output->GetCellData()->AddArray(makeArray<vtkIdTypeArray>("TrackId", 1, lines.trackId));
+    output->GetCellData()->AddArray(makeArray("TrackId", 1, lines.trackId));
   }
 
   void addFieldData(std::size_t snapshot, vtkPolyData* output) {
     vtkFieldData* data = output->GetFieldData();
-    data->AddArray(
-        makeArray<vtkIdTypeArray>("SnapshotIndex", 1, std::vector<vtkIdType>{vtkIdType(snapshot)}));
+    data->AddArray(makeArray("SnapshotIndex", 1, std::vector<vtkIdType>{vtkIdType(snapshot)}));
     const rimflow::TrackColumnPlan columns = series.columns(snapshot);
     vtkNew<vtkStringArray> units;
     units->SetName("FileUnits");
@@ -182,8 +198,7 @@ struct vtkSTBTrackReader::Series {
     for (const auto& [name, value] :
          {std::pair("PositionNoise", noise.position), std::pair("VelocityNoise", noise.velocity),
           std::pair("AccelerationNoise", noise.acceleration)})
-      if (std::isfinite(value))
-        data->AddArray(makeArray<vtkDoubleArray>(name, 1, std::vector<double>{value}));
+      if (std::isfinite(value)) data->AddArray(makeArray(name, 1, std::vector<double>{value}));
   }
 
   void fill(std::size_t snapshot, vtkPolyData* output) {
