@@ -61,7 +61,7 @@ bool PathlineBuilder::addParticles(const TrackSnapshot& snapshot) {
   if (placed == 0) layOut();
   const Part& part = parts.at(placed);
   const std::int32_t k = std::int32_t(placed++);
-  if (snapshot.size() != part.particles) return false;
+  if (snapshot.trackId.size() != part.particles) return false;
   if (part.rows.empty()) return true;
   std::vector<std::size_t> place(part.rows.size());
   for (std::size_t i = 0; i < place.size(); ++i) {

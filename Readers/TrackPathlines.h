@@ -25,7 +25,7 @@ struct Pathlines {
 /// looks at the ids alone, so that the second can put every particle into its place. Only the lines
 /// themselves, 8 bytes for each of their points, and one snapshot are in memory. A track that is not there
 /// in a snapshot is broken: what follows is a line of its own. Tracks that ended before the last snapshot are
-/// kept. Particles with a negative trackId belong to no line.
+/// kept. Particles with a negative trackId, and snapshots without trackIds, belong to no line.
 class PathlineBuilder {
 public:
   explicit PathlineBuilder(const TrackSelection& selection) : selection(selection) {}
@@ -47,7 +47,7 @@ private:
     std::vector<std::uint32_t> rows; // of the particles that belong to a run
     std::vector<std::int32_t> run;   // of each of these rows
     double time;
-    std::size_t particles; // kept or not
+    std::size_t particles; // with an id, kept or not
   };
   void layOut();
   TrackSelection selection;

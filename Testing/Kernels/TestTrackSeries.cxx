@@ -181,6 +181,18 @@ TEST(TrackSeries, PathlinesBreakWhereAParticleIsLeftOut) {
   }
 }
 
+// Found by fuzzing: some of the files have no column trackID.
+TEST(TrackSeries, PathlinesPassOverSnapshotsWithoutIds) {
+  Opened o("VARIABLES = \"x\" \"y\" \"z\" \"trackID\"\nZONE SOLUTIONTIME=0\n1 2 3 4\n5 6 7 8\n"
+           "VARIABLES = \"x\" \"y\" \"z\"\nZONE SOLUTIONTIME=1\n1 2 3\n"
+           "VARIABLES = \"x\" \"y\" \"z\" \"trackID\"\nZONE SOLUTIONTIME=2\n1 2 3 4\n");
+  for (const std::size_t cache : {std::size_t(1) << 28, std::size_t(0)}) {
+    const Pathlines lines = o.with([&](auto& s) { s.cacheBytes = cache; }).pathlines(0, 2, {});
+    EXPECT_EQ(lines.trackId, (std::vector<std::int64_t>{4, 8, 4}));
+    EXPECT_EQ(lines.points.size(), 3u);
+  }
+}
+
 TEST(TrackSeries, ADamagedSnapshotCountsAsAbsentForItsNeighbours) {
   Opened o(tecplot(22));
   EXPECT_THROW(o.series.particles(22), std::runtime_error);
