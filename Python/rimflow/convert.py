@@ -4,7 +4,6 @@ OUT.pvd lists the snapshots that are in the folder OUT. It grows while the conve
 an interruption leaves can be opened, and --resume goes on from there.
 """
 import glob
-import json
 import os
 import signal
 import sys
@@ -82,12 +81,7 @@ class Conversion:
             raise UsageError(f"{self.folder} is needed for the snapshots, but holds something else; name another file than {self.options.out}")
         os.makedirs(self.folder, exist_ok=True)
         if ours and self.options.resume:
-            with open(earlier, encoding="utf-8") as f:
-                before = json.load(f)
-            changed = sorted(k for k in settings if settings[k] != before.get(k))
-            if changed:
-                raise UsageError(f"{self.folder} holds a conversion with other settings ({', '.join(changed)}); "
-                                 "use the same files and settings with --resume, or leave --resume out to start anew")
+            command_line.check_same_settings(self.folder, settings, "a conversion")
         elif ours:
             self.write_list([])
         for name in glob.glob(os.path.join(glob.escape(self.folder), "[0-9]*.vtp")):

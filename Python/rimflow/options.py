@@ -1,5 +1,6 @@
 """The command lines of `rimflow process`, `rimflow sensitivity` and `rimflow convert`, checked before anything is computed."""
 import argparse
+import json
 import math
 import os
 import re
@@ -204,6 +205,16 @@ def settings(options):
         "method": options.method, "fields": options.fields, "forces": not options.no_forces, "frame_period_s": options.frame_period,
         "gravity_m_s2": gravity(options),
     }
+
+
+def check_same_settings(folder, settings, what):
+    """Before resuming: raises UsageError when what is in the folder was made with other settings than these (its settings.json)."""
+    with open(os.path.join(folder, "settings.json"), encoding="utf-8") as f:
+        before = json.load(f)
+    changed = sorted(k for k in settings if settings[k] != before.get(k))
+    if changed:
+        raise UsageError(f"{folder} holds {what} with other settings ({', '.join(changed)}); "
+                         "use the same settings with --resume, or leave --resume out to start anew")
 
 
 def gravity(options):

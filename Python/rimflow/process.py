@@ -118,12 +118,7 @@ class Run:
         settings = command_line.settings(self.options)
         earlier = self.path("settings.json")
         if self.options.resume and os.path.exists(earlier):
-            with open(earlier, encoding="utf-8") as f:
-                before = json.load(f)
-            changed = sorted(k for k in settings if settings[k] != before.get(k))
-            if changed:
-                raise UsageError(f"{self.options.out} holds a run with other settings ({', '.join(changed)}); "
-                                 "use the same settings with --resume, or leave --resume out to start anew")
+            command_line.check_same_settings(self.options.out, settings, "a run")
         else:
             for folder in ("snapshots", "sphere", "fields", "report"):
                 shutil.rmtree(self.path(folder), ignore_errors=True)
