@@ -19,7 +19,7 @@ def _mark_instants(axes, f):
                          ha="center", color="0.3")
 
 
-def _series(ax, time, values, colour, label, sigma=None, scale=1.0):
+def series(ax, time, values, colour, label, sigma=None, scale=1.0):
     """A line over time, interrupted where nothing is known, with a band of two standard deviations."""
     if not np.isfinite(values).any():
         return
@@ -42,16 +42,16 @@ def plot_forces(t, f, run):
     colours = (SURFACE, VOLUME, MOTION)
     scale, unit = (1e3, "mN") if np.nanmax(np.abs(f["drag_N"])) < 1 else (1.0, "N")
     for e, colour in zip(forces.estimates(f), colours):
-        _series(axes[0], t.time, f.drag(e.force), colour, e.name, e.drag_sigma, scale)
-        _series(axes[1], t.time, np.linalg.norm(f.lift(e.force), axis=1), colour, e.name, e.lift_sigma, scale)
-    _series(axes[0], t.time, f.drag(f.vector("Fp")), "#7fa3d1", "pressure alone", None, scale)
+        series(axes[0], t.time, f.drag(e.force), colour, e.name, e.drag_sigma, scale)
+        series(axes[1], t.time, np.linalg.norm(f.lift(e.force), axis=1), colour, e.name, e.lift_sigma, scale)
+    series(axes[0], t.time, f.drag(f.vector("Fp")), "#7fa3d1", "pressure alone", None, scale)
     axes[0].axhline(0, color="0.5", lw=0.8, ls=":")
     axes[0].set_ylabel(f"drag [{unit}]")
     axes[1].set_ylabel(f"lift, magnitude [{unit}]")
     axes[1].set_ylim(bottom=0)
     speed = np.linalg.norm(t.velocity, axis=1)
     sigma = np.sqrt(np.sum((t.velocity_sigma * f.motion)**2, axis=1))
-    _series(axes[2], t.time, speed, SPEED, "", sigma)
+    series(axes[2], t.time, speed, SPEED, "", sigma)
     axes[2].set_ylabel("speed of the sphere [m/s]")
     _mark_instants(axes, f)
     _finish(axes)
@@ -63,10 +63,10 @@ def plot_coefficients(t, f, run):
     figure, axes = plt.subplots(2, 1, figsize=(10, 7.5), sharex=True, layout="constrained")
     for e, colour in zip(forces.estimates(f), (SURFACE, VOLUME, MOTION)):
         cd, cl, sigma = forces.coefficients(f, e)
-        _series(axes[0], t.time, cd, colour, e.name, sigma)
-        _series(axes[1], t.time, cl, colour, e.name, e.lift_sigma / f.reference)
+        series(axes[0], t.time, cd, colour, e.name, sigma)
+        series(axes[1], t.time, cl, colour, e.name, e.lift_sigma / f.reference)
     reynolds = np.linalg.norm(t.velocity, axis=1) * t.diameter / run["settings"]["viscosity_m2_s"]
-    _series(axes[0], t.time, forces.standard_drag(reynolds), "0.5", "fixed sphere at this Reynolds number")
+    series(axes[0], t.time, forces.standard_drag(reynolds), "0.5", "fixed sphere at this Reynolds number")
     axes[0].set_ylabel("drag coefficient Cd")
     axes[1].set_ylabel("lift coefficient Cl")
     axes[1].set_ylim(bottom=0)

@@ -1,6 +1,5 @@
 """Pictures of a run (`--images`), drawn by ParaView from the files that the run wrote."""
 import os
-import tempfile
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -59,6 +58,20 @@ def surface_pressure(simple, out, trajectory, forces, up):
     plt.close(figure)
 
 
+def pixels(view):
+    """What a view shows, as an array (height, width, 3) of bytes from the top down."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    captured = view.SMProxy.CaptureWindow(1)
+    width, height, _ = captured.GetDimensions()
+    return vtk_to_numpy(captured.GetPointData().GetScalars()).reshape(height, width, -1)[::-1].copy()
+
+
+def q_level(speed, diameter):
+    """The Q of the iso-surfaces: a quarter of (V/d)^2, the scale of the gradients that the sphere's motion makes."""
+    return 0.25 * (speed / diameter)**2
+
+
 def add_title(path, title):
     """Puts a strip with the title above a picture, pixel for pixel."""
     picture = plt.imread(path)
@@ -87,6 +100,7 @@ class Scene:
         self.path = simple.XMLPolyDataReader(FileName=[os.path.join(out, "trajectory.vtp")])
 
     def view(self, size=SIZE):
+        self.simple._DisableFirstRenderCameraReset()  # or the first picture is seen from elsewhere
         view = self.simple.CreateView("RenderView")
         view.ViewSize = size
         view.OrientationAxesVisibility = 1
@@ -146,7 +160,6 @@ class Scene:
         view.CameraPosition = list(focus + 20 * self.diameter * direction)
         view.CameraViewUp = list(up)
         view.CameraParallelScale = 0.5 * distance * self.diameter
-        self.simple.Render(view)
 
     def pressure_tiles(self, limit):
         """Pictures of the pressure on the sphere: from the side, with the vortices where there are fields, from its front and its rear."""
@@ -164,7 +177,6 @@ class Scene:
         tiles = [self.shot(view, TALL_TILE)]
         if vortices:
             vortices.Visibility = 0
-        view.ViewSize = TILE
         for direction in (ahead, -ahead):
             self.aim(view, self.centre, direction, self.across, 1.25)
             tiles.append(self.shot(view, TILE))
@@ -173,18 +185,16 @@ class Scene:
 
     def shot(self, view, size):
         """What the view shows, as an array."""
-        with tempfile.TemporaryDirectory() as folder:
-            path = os.path.join(folder, "shot.png")
-            self.simple.SaveScreenshot(path, view, ImageResolution=size)
-            return plt.imread(path)
+        view.ViewSize = size
+        return pixels(view)
 
     def q_surface(self, flow):
-        """An iso-surface of Q at a quarter of (V/d)^2, the scale of the gradients that the sphere's motion makes."""
+        """The vortices."""
         return self.simple.Contour(Input=flow, ContourBy=["POINTS", "QCriterion"], Isosurfaces=[float(self.q_level)])
 
     @property
     def q_level(self):
-        return 0.25 * (self.speed / self.diameter)**2
+        return q_level(self.speed, self.diameter)
 
     def tracks(self, names):
         simple = self.simple
