@@ -113,8 +113,7 @@ def section(run):
     sentences = "".join(f"<li>{html.escape(s)}</li>" for s in conclusions(run))
     notes = grouped(run["notes"])
     listed = "".join(f"<li>{html.escape(text)} ({snapshots})</li>" for text, snapshots in notes)
-    return f"""<h2>Forces on the sphere</h2>
-<p>Of the fluid on the sphere, without buoyancy. Drag is the part against the motion, lift the magnitude of the rest; the coefficients are relative to &rho;V&sup2;/2 &middot; &pi;d&sup2;/4.</p>
+    return f"""<p>Of the fluid on the sphere, without buoyancy. Drag is the part against the motion, lift the magnitude of the rest; the coefficients are relative to &rho;V&sup2;/2 &middot; &pi;d&sup2;/4.</p>
 <table class="numbers"><tr><th></th><th>Cd, mean</th><th>std. dev. over time</th><th>snapshot to snapshot</th><th>stated uncertainty</th><th>Cl, mean</th><th>std. dev. over time</th><th>drag, mean [mN]</th></tr>
 {"".join(rows)}
 </table>

@@ -3,8 +3,10 @@
 Into report/movie/ come NNNNNN.png (frames, by the snapshot's number), movie.avi (Motion JPEG, for players and slides), preview.webp (small,
 for index.html: browsers play no AVI) and movie.json (what the report says of it). One snapshot is in memory at a time.
 """
+import contextlib
 import os
 import shutil
+import sys
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -267,7 +269,7 @@ def write_video(root, frames, rate):
         errors = pipeline.Errors()
         errors.watch(writer)
         path = root + extension
-        with files.replacing(path) as temporary:
+        with files.replacing(path) as temporary, silence():
             writer.SetFileName(temporary)
             writer.SetRate(rate)
             writer.SetQuality(2)
@@ -281,6 +283,20 @@ def write_video(root, frames, rate):
                 raise OSError(None, "could not be written, is the disk full? " + "; ".join(errors.messages), path)
         return os.path.basename(path)
     return None
+
+
+@contextlib.contextmanager
+def silence():
+    """FFmpeg warns on the standard error of every other frame that VTK uses an old name for a colour format."""
+    sys.stderr.flush()
+    kept = os.dup(2)
+    with open(os.devnull, "wb") as nothing:
+        os.dup2(nothing.fileno(), 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
 
 
 def image_data(path):

@@ -45,7 +45,7 @@ def write_report(folder, run, rows, tracks, calibration, recording):
         with replacing(os.path.join(folder, name)) as temporary:
             figure.savefig(temporary, dpi=110)
         plt.close(figure)
-    write_text(os.path.join(folder, "index.html"), index_html(run, rows, tracks, calibration, pages))
+    write_text(os.path.join(folder, "index.html"), index_html(folder, run, rows, tracks, calibration, pages))
 
 
 def plot_shifts(rows):
@@ -182,7 +182,7 @@ def number(value):
     return "" if value is None or not np.isfinite(value) else f"{value:.2g}" if value else "0"
 
 
-def index_html(run, rows, tracks, calibration, pages):
+def index_html(folder, run, rows, tracks, calibration, pages):
     s = run["settings"]
     title = os.path.basename(s["tracks"][0])
     head = [("Snapshots", f"{len(s['snapshots'])}: " + ", ".join(map(str, s["snapshots"]))), ("Sphere", f"d = {1e3 * s['diameter_m']:g} mm"),
@@ -197,9 +197,7 @@ def index_html(run, rows, tracks, calibration, pages):
         head.append(("Weights that converge most steadily", f"w1 = {chosen[0]:.4g}, w2 = {chosen[1]:.4g} "
                      f"({int(calibration.retained.sum())} of {calibration.retained.size} pairs retained{'; they lie on the edge of the grid that was searched' if run['chosen_weights_on_edge'] else ''})" if chosen else "none on the grid"))
     head.append(("Computed", f"{run['started']}, {run['seconds']:.1f} s, RIMFlow {run['versions']['rimflow']}, ParaView {run['versions']['paraview']}"))
-    table = "\n".join(f"<tr><th>{html.escape(k)}</th><td>{html.escape(v)}</td></tr>" for k, v in head)
-    figures = "\n".join(f'<figure><img src="{name}" alt="{html.escape(caption)}"><figcaption>{html.escape(caption)}</figcaption></figure>'
-                        for name, caption, _ in pages)
+    figures = "".join(report.figure(folder, name, caption) for name, caption, _ in pages)
     return f"""<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>RIMFlow, sensitivity: {html.escape(title)}</title>
 <style>{report.STYLE}
@@ -207,9 +205,7 @@ def index_html(run, rows, tracks, calibration, pages):
 <h1>How firm is the sphere's place?</h1>
 <p>{html.escape(title)}{f" and {len(s['tracks']) - 1} more files" if len(s['tracks']) > 1 else ""}. Distances are in diameters of the sphere, from the centre that is found with nothing changed (the baseline).
 They say how far the answer moves, not how far it is from the truth.</p>
-<table>
-{table}
-</table>
+{report.table(head)}
 {"".join(summary(method, [r for r in rows if r.method == method]) for method in tracks)}
 {figures}
 <p>Files beside this report: sensitivity.csv (every variation), snapshots.csv (the baseline per snapshot){", weights.csv (every pair of weights)" if calibration else ""}, run.json (settings, versions).</p>
