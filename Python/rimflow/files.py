@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import os
+import re
 from xml.sax.saxutils import quoteattr
 
 
@@ -15,9 +16,25 @@ def replacing(path):
     try:
         yield temporary
         os.replace(temporary, path)
+    except OSError as error:
+        error.filename = path  # a disk that is full does not say where
+        raise
     finally:
         with contextlib.suppress(FileNotFoundError):
             os.remove(temporary)
+
+
+def remove_parts(folder):
+    """Removes what a killed process has left half written, everywhere in the folder."""
+    for parent, _, names in os.walk(folder):
+        for name in names:
+            if re.search(r"\.\d+\.part(\.\w+)?$", name):
+                os.remove(os.path.join(parent, name))
+
+
+def reason(error):
+    """An OSError as a line for people."""
+    return f"{error.strerror or error}: {error.filename or ''}".rstrip(": ")
 
 
 def write_text(path, text):

@@ -13,7 +13,7 @@ from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkDataObject, vtkPolyDa
 from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
 from vtkmodules.vtkFiltersSources import vtkSphereSource
 from vtkmodules.vtkIOXML import vtkXMLImageDataWriter, vtkXMLPolyDataReader, vtkXMLPolyDataWriter
-from vtkmodules.vtkParallelCore import vtkMultiProcessController
+from vtkmodules.vtkParallelCore import vtkCommunicator, vtkMultiProcessController
 
 from paraview.modules.vtkPVVTKExtensionsIOCore import vtkPVDReader
 
@@ -28,6 +28,9 @@ FIELD_ARRAYS = ("Velocity", "MaterialAcceleration", "Vorticity", "QCriterion", "
 SIGNIFICANT = 14.16
 
 
+WORLD = vtkMultiProcessController.GetGlobalController()  # all ranks, also when ParaView's controller is one rank's own
+
+
 class PipelineError(Exception):
     """What the filters reported as an error."""
 
@@ -36,10 +39,14 @@ class Ranks:
     """The MPI processes that share the work; one when there is no MPI."""
 
     def __init__(self):
-        self.controller = vtkMultiProcessController.GetGlobalController()
+        self.controller = WORLD
         self.count = self.controller.GetNumberOfProcesses() if self.controller else 1
         self.index = self.controller.GetLocalProcessId() if self.controller else 0
         self.first = self.index == 0
+        if self.count > 1:  # whole snapshots per rank: to ParaView each rank is alone from now on
+            from paraview.spatiotemporalparallelism import CreateControllers
+
+            _, self.alone, _ = CreateControllers(1)
 
     def share(self, items):
         """This rank's contiguous part of a list."""
@@ -49,6 +56,14 @@ class Ranks:
     def wait(self):
         if self.count > 1:
             self.controller.Barrier()
+
+    def largest(self, value):
+        """The largest of the ranks' values, on all of them."""
+        mine, all_of_them = numpy_to_vtk(np.array([float(value)]), deep=True), numpy_to_vtk(np.zeros(1), deep=True)
+        if self.count == 1:
+            return value
+        self.controller.AllReduce(mine, all_of_them, vtkCommunicator.MAX_OP)
+        return all_of_them.GetValue(0)
 
 
 class Errors:
@@ -108,16 +123,24 @@ class Chain:
     def __init__(self, options):
         self.options, self.errors = options, Errors()
         self.reader = track_reader(options.tracks, options.frame_period)
+        self.flow = flow_filters(self.reader, options)
+        self.errors.watch(self.reader, *self.flow)
+        self.begin()
+
+    def begin(self, guess=None):
+        """Forgets where the sphere was. guess: where it may be in the snapshot that is located next, m; None: anywhere."""
         self.locator = vtkInvisibleSphereLocator()
         self.locator.SetInputConnection(0, self.reader.GetOutputPort())
-        self.locator.SetDiameter(options.diameter)
+        self.locator.SetDiameter(self.options.diameter)
         self.locator.JointTrajectoryOff()  # all ranks' snapshots are estimated together in the end
-        self.locator.SetUpDirection(*(options.up or (0, 0, 0)))
-        self.flow = flow_filters(self.reader, options)
-        if options.method == "published":
+        self.locator.SetUpDirection(*(self.options.up or (0, 0, 0)))
+        if guess:
+            self.locator.SetInitialGuess(guess)
+            self.locator.UseInitialGuessOn()
+        if self.options.method == "published":
             self.locator.SetMethodToPublishedCost()
             self.locator.SetInputConnection(1, self.flow[1].GetOutputPort())
-        self.errors.watch(self.reader, self.locator, *self.flow)
+        self.errors.watch(self.locator)
 
     def times(self):
         """The times of the snapshots in the files, s."""
@@ -198,6 +221,7 @@ class FlowChain:
                 flow.seconds[name] = self._run(step, time)
                 flow.image = _with_arrays(step.GetOutputDataObject(0), FIELD_ARRAYS)
                 flow.quality = {**(flow.quality or {}), **quality(flow.image, QUALITY[name])}
+                flow.image.GetFieldData().RemoveArray("ElapsedTime")  # the same run twice writes the same files
             wanted = arrays.HasArray("Centre") and not self.options.no_forces
             if wanted and not known:
                 raise PipelineError("the sphere was found in this snapshot alone, which does not tell how it moves")
@@ -486,15 +510,14 @@ def answered(command, work, speaks=True):
     except PipelineError as error:
         print(f"rimflow {command}: {error}", file=sys.stderr)
     except OSError as error:
-        print(f"rimflow {command}: {error.strerror or error}: {error.filename or ''}", file=sys.stderr)
+        print(f"rimflow {command}: {files.reason(error)}", file=sys.stderr)
     return 1
 
 
 def leave(status):
     """Ends this process with the exit status, which pvbatch would turn into 0. Under MPI a failure ends all ranks."""
-    controller = vtkMultiProcessController.GetGlobalController()
-    if status == 0 and controller and controller.GetNumberOfProcesses() > 1:
-        controller.Finalize()
+    if status == 0 and WORLD and WORLD.GetNumberOfProcesses() > 1:
+        WORLD.Finalize()
     # pvbatch prints through C's stdout, which keeps the text back when it is a file or a pipe, and which os._exit forgets.
     ctypes.CDLL(None).fflush(None)
     os._exit(status)

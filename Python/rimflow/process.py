@@ -1,15 +1,17 @@
 """`rimflow process`: tracks in, the sphere's trajectory, the flow around it and the forces on it out. Runs under pvbatch, alone or with MPI.
 
-Three passes, each over this rank's contiguous share of the snapshots:
+Three passes; in the first and the last each rank has a contiguous share:
 1. every snapshot by itself: find the sphere            -> snapshots/NNNNNN.json (what --resume goes on from), NNNNNN.wall.vtp
 2. all snapshots together: the path, on the first rank  -> trajectory.csv, trajectory.dat
 3. every snapshot with the smoothed sphere: flow, forces -> sphere/, fields/, snapshots/NNNNNN.flow.json (what --resume goes on from)
 In the end the first rank writes what concerns all snapshots: forces.csv, run.json, report/.
+The results do not depend on the number of ranks, nor on when a run was interrupted: what one snapshot learns from another is fixed by BLOCK.
 """
 import itertools
 import json
 import os
 import platform
+import resource
 import shutil
 import sys
 import time
@@ -22,6 +24,9 @@ from rimflow.options import UsageError
 from rimflow.progress import ProgressBar
 
 FOUND, PREDICTED, LOST = 0, 1, 2
+# Snapshots through which the sphere is followed; at the first one of each block the search knows nothing. A search from elsewhere ends
+# some hundredths of a micrometre away, so the blocks must be the same for any number of ranks, and are searched anew as a whole.
+BLOCK = 10
 
 TRAJECTORY_COLUMNS = (
     "snapshot,time_s,x_m,y_m,z_m,u_m_s,v_m_s,w_m_s,ax_m_s2,ay_m_s2,az_m_s2,cov_xx_m2,cov_yy_m2,cov_zz_m2,cov_xy_m2,cov_yz_m2,cov_xz_m2,"
@@ -70,7 +75,8 @@ class Run:
         if not self.selected:
             raise UsageError(f"--steps selects none of the {len(self.times)} snapshots in {options.tracks[0]}")
         self.selected.sort()
-        self.mine = ranks.share(self.selected)
+        self.blocks = [self.selected[i:i + BLOCK] for i in range(0, len(self.selected), BLOCK)]
+        self.unwritten = []  # messages about files of this rank, and on the first rank in the end of all snapshots
         self.timings = {}
         self.with_forces, self.with_fields = not options.no_forces, options.fields != "none"
         self.with_flow = self.with_forces or self.with_fields
@@ -82,8 +88,13 @@ class Run:
         self.timed("locate", self.locate)
         trajectory = self.timed("smooth", self.smooth)
         self.timed("flow" if self.with_flow else "write", lambda: self.write(trajectory))
+        self.memory = round(self.ranks.largest(memory_peak()))
         if self.ranks.first:
             self.finish(trajectory)
+        self.ranks.wait()  # a rank that fails ends the others
+        if self.unwritten:
+            raise pipeline.PipelineError(f"{len(self.unwritten)} results could not be written, the last is {self.unwritten[-1]}; "
+                                         "make room, and run the same with --resume")
 
     def timed(self, name, step):
         start = time.monotonic()
@@ -119,6 +130,7 @@ class Run:
         earlier = self.path("settings.json")
         if self.options.resume and os.path.exists(earlier):
             command_line.check_same_settings(self.options.out, settings, "a run")
+            files.remove_parts(self.options.out)
         else:
             for folder in ("snapshots", "sphere", "fields", "report"):
                 shutil.rmtree(self.path(folder), ignore_errors=True)
@@ -132,38 +144,78 @@ class Run:
     # Passes ------------------------------------------------------------------------------------------------------
 
     def locate(self):
-        bar = ProgressBar("sphere", len(self.mine)) if self.ranks.first else None
-        for done, k in enumerate(self.mine):
-            if bar:
-                bar.show(done)
-            if not (self.options.resume and os.path.exists(self.record_path(k))):
-                self.keep(k, self.attempt(k, lambda: self.chain.locate(self.times[k])))
+        mine = self.ranks.share(self.blocks)
+        bar = ProgressBar("sphere", sum(map(len, mine))) if self.ranks.first else None
+        done = 0
+        for block in mine:
+            if not (self.options.resume and all(os.path.exists(self.record_path(k)) for k in block)):
+                self.chain.begin()
+                for i, k in enumerate(block):
+                    if bar:
+                        bar.show(done + i)
+                    self.keep(k, self.attempt(k, lambda: self.chain.locate(self.times[k])))
+            done += len(block)
         if bar:
-            bar.show(len(self.mine))
+            bar.show(done)
         self.ranks.wait()
-        self.look_again()
+        for run in self.ranks.share(self.lost_runs(self.read_records())):
+            self.look_again(*run)
 
-    def look_again(self):
-        """Backwards through the snapshots at the beginning that were searched when nothing was found yet: now the first find says
-        where to look."""
-        status = {k: record["status"] for k, record in self.read_records().items()}
-        head = list(itertools.takewhile(lambda k: status[k] == LOST, self.mine))
-        find = next((k for k in self.selected if head and k > head[-1] and status[k] == FOUND), None)
-        if find is None:
-            return
-        for k in [find, *reversed(head)]:
-            record = self.attempt(k, lambda: self.chain.locate(self.times[k]))
-            if k != find and record["status"] != LOST:
-                self.keep(k, record)
+    def lost_runs(self, records):
+        """What was lost when nothing else was known yet, at the beginnings of blocks: (the last find before, neighbouring snapshots, the
+        first find after), finds as records or None. What an interrupted run found by looking again counts as lost, as it did there."""
+        lost = lambda k: records[k]["status"] == LOST or records[k].get("looked_again", False)
+        blind = {k for block in self.blocks for k in itertools.takewhile(lost, block)}
+        runs, before = [], None
+        for is_blind, group in itertools.groupby(self.selected, lambda k: k in blind):
+            group = list(group)
+            finds = [records[k] for k in group if not lost(k)]
+            if is_blind:
+                runs.append([before, group, None])
+                continue
+            if runs:
+                runs[-1][2] = finds[0]
+            before = finds[-1]
+        return [run for run in runs if run[0] or run[2]]
+
+    def look_again(self, before, lost, after):
+        """Along the lost snapshots from the find after them, and for what is still lost from the find before them."""
+        for find, order in ((after, lost[::-1]), (before, lost)):
+            if not find:
+                continue
+            self.chain.begin(find["centre_m"])
+            self.attempt(find["snapshot"], lambda: self.chain.locate(find["time_s"]))
+            for k in order:
+                record = self.attempt(k, lambda: self.chain.locate(self.times[k]))
+                if record["status"] != LOST:
+                    self.keep(k, {**record, "looked_again": True})
+                    lost = [other for other in lost if other != k]
+            if not lost:
+                return
 
     def keep(self, k, record):
         """The wall first: a snapshot that has its record is done."""
-        if record["status"] != LOST:
-            pipeline.write_polydata(self.wall_path(k), self.chain.wall())
-        files.write_json(self.record_path(k), record)
+        def write():
+            if record["status"] != LOST:
+                pipeline.write_polydata(self.wall_path(k), self.chain.wall())
+            files.write_json(self.record_path(k), record)
+
+        self.written(write, f"snapshot {k}")
+
+    def written(self, write, what):
+        """Runs write(). A file that cannot be written is a line in the log, and the run goes on; returns the reason, or an empty text."""
+        try:
+            write()
+            return ""
+        except OSError as error:
+            self.unwritten.append(f"{what}: {files.reason(error)}")
+            print(f"rimflow process: {self.unwritten[-1]}", file=sys.stderr, flush=True)
+            return files.reason(error)
 
     def read_records(self):
-        return {k: read_json(self.record_path(k)) for k in self.selected}
+        missing = {"status": LOST, "status_text": "what was found could not be written, see the log", "failed": True, "seconds": 0.0}
+        return {k: read_json(self.record_path(k)) if os.path.exists(self.record_path(k)) else {"snapshot": k, "time_s": self.times[k], **missing}
+                for k in self.selected}
 
     def attempt(self, k, step):
         """The snapshot's record; a snapshot that fails is a record with the reason, and the run goes on."""
@@ -192,20 +244,20 @@ class Run:
 
     def write(self, trajectory):
         """The sphere and the flow around it, for every snapshot of this rank's share."""
-        row_of = {k: i for i, k in enumerate(self.selected)}
+        row_of, mine = {k: i for i, k in enumerate(self.selected)}, self.ranks.share(self.selected)
         flow = pipeline.FlowChain(self.chain) if self.with_flow else None
-        bar = ProgressBar("flow" if flow else "files", len(self.mine)) if self.ranks.first else None
-        for done, k in enumerate(self.mine):
+        bar = ProgressBar("flow" if flow else "files", len(mine)) if self.ranks.first else None
+        for done, k in enumerate(mine):
             if bar:
                 bar.show(done)
             body = pipeline.body(trajectory, row_of[k])
             known = trajectory.status[row_of[k]] != LOST
             if not flow or not (known or self.with_fields):
-                pipeline.write_polydata(self.sphere_path(k), pipeline.sphere(body))
+                self.written(lambda: pipeline.write_polydata(self.sphere_path(k), pipeline.sphere(body)), f"snapshot {k}")
             elif not self.flow_done(k):
                 self.keep_flow(k, body, flow.compute(self.times[k], body))
         if bar:
-            bar.show(len(self.mine))
+            bar.show(len(mine))
 
     def flow_done(self, k):
         """Whether an interrupted run had finished this snapshot; one that failed is tried again."""
@@ -213,63 +265,76 @@ class Run:
 
     def keep_flow(self, k, body, flow):
         """The record last: a snapshot that has it is done."""
-        pipeline.write_polydata(self.sphere_path(k), pipeline.sphere(body) if flow.surface is None else flow.surface)
+        surface = pipeline.sphere(body) if flow.surface is None else flow.surface
+        reasons = [flow.failed, self.written(lambda: pipeline.write_polydata(self.sphere_path(k), surface), f"snapshot {k}")]
         if self.with_fields and flow.image is not None:
-            pipeline.write_image(self.image_path(k), flow.image)
-        files.write_json(self.flow_record_path(k), {
+            reasons.append(self.written(lambda: pipeline.write_image(self.image_path(k), flow.image), f"snapshot {k}"))
+        self.written(lambda: files.write_json(self.flow_record_path(k), {
             "snapshot": k, "quality": flow.quality, "forces": flow.forces, "note": flow.note,
-            "failed": flow.failed, "seconds": flow.seconds})
+            "failed": "; ".join(filter(None, reasons)), "seconds": flow.seconds}), f"snapshot {k}")
 
-    def read_flow_records(self):
+    def read_flow_records(self, trajectory):
         """One per selected snapshot; of a lost snapshot without fields nothing was computed."""
         nothing = {"quality": None, "forces": None, "note": "", "failed": "", "seconds": {}}
-        return [read_json(self.flow_record_path(k)) if os.path.exists(self.flow_record_path(k)) else {"snapshot": k, **nothing}
-                for k in self.selected]
+        missing = {**nothing, "failed": "the results could not be written, see the log"}
+        for k, status in zip(self.selected, trajectory.status):
+            wanted = self.with_flow and (status != LOST or self.with_fields)
+            yield read_json(self.flow_record_path(k)) if os.path.exists(self.flow_record_path(k)) else {"snapshot": k, **(missing if wanted else nothing)}
 
     def finish(self, trajectory):
         """What one rank writes when all the others have written theirs."""
         from rimflow.report import write_report
 
-        options, flows = self.options, self.read_flow_records()
-        files.write_pvd(self.path("sphere.pvd"), [(self.times[k], f"sphere/{k:06d}.vtp") for k in self.selected])
-        pipeline.write_polydata(self.path("trajectory.vtp"), pipeline.polyline(trajectory))
+        options, flows = self.options, list(self.read_flow_records(trajectory))
+        there = lambda path_of: [k for k in self.selected if os.path.exists(path_of(k))]
+        series = lambda name, path_of: files.write_pvd(
+            self.path(name), [(self.times[k], os.path.relpath(path_of(k), options.out)) for k in there(path_of)])
+        self.written(lambda: series("sphere.pvd", self.sphere_path), "sphere.pvd")
+        self.written(lambda: pipeline.write_polydata(self.path("trajectory.vtp"), pipeline.polyline(trajectory)), "trajectory.vtp")
         if self.with_fields:
-            there = [k for k in self.selected if os.path.exists(self.image_path(k))]
-            files.write_pvd(self.path("fields.pvd"), [(self.times[k], f"fields/{k:06d}.vti") for k in there])
+            self.written(lambda: series("fields.pvd", self.image_path), "fields.pvd")
         loads = None
         if self.with_forces:
             loads = forces.assembled(flows, trajectory, options.density)
-            files.write_csv(self.path("forces.csv"), forces.COLUMNS + forces.FURTHER, loads.rows())
-            loads.surfaces = {row: pipeline.surface_pressure(self.sphere_path(self.selected[row])) for row in loads.instants}
+            self.written(lambda: files.write_csv(self.path("forces.csv"), forces.COLUMNS + forces.FURTHER, loads.rows()), "forces.csv")
+            loads.surfaces = {row: pipeline.surface_pressure(self.sphere_path(self.selected[row])) for row in loads.instants
+                              if os.path.exists(self.sphere_path(self.selected[row]))}
+        run = self.summary(trajectory, flows, loads)
+        self.written(lambda: write_report(self.path("report"), trajectory, run, loads), "report")
+        if options.images:  # last: without a working display ParaView ends the process
+            from rimflow import images
+
+            self.written(lambda: images.draw(options.out, trajectory, options.tracks, options.up or (0, 1, 0), loads), "pictures")
+            self.written(lambda: write_report(self.path("report"), trajectory, run, loads), "report")
+        run["unwritten"] = self.unwritten
+        self.written(lambda: files.write_json(self.path("run.json"), run), "run.json")
+        self.say(run)
+
+    def summary(self, trajectory, flows, loads):
+        """What stands in run.json."""
         problems = [(r["snapshot"], r["status_text"]) for r in self.records if r["status"] == LOST]
         problems += [(r["snapshot"], f"{self.missing(r)}: {r['failed']}") for r in flows if r["failed"]]
-        run = {
-            "settings": command_line.settings(options),
+        return {
+            "settings": command_line.settings(self.options),
             "versions": {"rimflow": pipeline.version(), "paraview": pipeline.paraview_version(), "vtk": pipeline.vtk_version(),
                          "python": platform.python_version(), "numpy": np.__version__},
             "started": self.started, "seconds": round(time.monotonic() - self.clock, 3), "ranks": self.ranks.count,
-            "timings": self.timings,
+            "memory_peak_MB": self.memory, "timings": self.timings,
             "snapshots": {"selected": len(self.selected), **{name: int(np.sum(trajectory.status == value))
                           for name, value in (("found", FOUND), ("predicted", PREDICTED), ("lost", LOST))},
                           "with_forces": int(loads.known.sum()) if loads else 0},
             "seconds_per_snapshot": {str(r["snapshot"]): {"locate": r["seconds"], **f["seconds"]} for r, f in zip(self.records, flows)},
             "reconstruction": [{"snapshot": r["snapshot"], **r["quality"]} for r in flows if r["quality"]],
-            "reynolds": reynolds(trajectory, options.viscosity),
+            "reynolds": reynolds(trajectory, self.options.viscosity),
             "forces": forces.summary(loads) if loads else {},
             "notes": [[r["snapshot"], r["note"]] for r in flows if r["note"]],
             "problems": [list(p) for p in sorted(problems)],
         }
-        files.write_json(self.path("run.json"), run)
-        write_report(self.path("report"), trajectory, run, loads)
-        if options.images:  # last: without a working display ParaView ends the process
-            from rimflow import images
-
-            images.draw(options.out, trajectory, options.tracks, options.up or (0, 1, 0), loads)
-            write_report(self.path("report"), trajectory, run, loads)
-        self.say(run)
 
     def missing(self, record):
         """What a snapshot whose flow failed has not."""
+        if record["forces"]:
+            return "not all of its files"
         if not record["quality"]:
             return "no flow" if self.with_fields else "no forces"
         return "no forces" if self.with_forces else "no pressure"
@@ -289,6 +354,11 @@ class Run:
 def read_json(name):
     with open(name, encoding="utf-8") as f:
         return json.load(f)
+
+
+def memory_peak():
+    """The largest resident memory of this process so far, MB."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024e-6
 
 
 def reynolds(trajectory, viscosity):
