@@ -30,7 +30,7 @@ def draw(out, trajectory, tracks, up, forces=None):
     if os.path.exists(os.path.join(out, "fields.pvd")):
         scene.slice()
         scene.vortices()
-    if forces and forces.instants:
+    if forces and forces.surfaces:
         surface_pressure(simple, out, trajectory, forces, up)
 
 
@@ -38,10 +38,11 @@ def surface_pressure(simple, out, trajectory, forces, up):
     """surface.png: a column per instant; the pressure on the sphere with the vortices from the side, and from the front and the rear."""
     low, high = np.percentile(np.concatenate([pressure for _, pressure in forces.surfaces.values()]), [0.5, 99.5])
     limit = max(abs(low), abs(high), 1e-12)
-    tiles = [Scene(simple, out, trajectory, row, up).pressure_tiles(limit) for row in forces.instants]
+    instants = [(letter, row) for letter, row in zip(LETTERS, forces.instants) if row in forces.surfaces]
+    tiles = [Scene(simple, out, trajectory, row, up).pressure_tiles(limit) for _, row in instants]
     figure, axes = plt.subplots(3, len(tiles), figsize=(3.2 * len(tiles) + 1.2, 11.5), layout="constrained", squeeze=False,
                                 gridspec_kw={"height_ratios": (TALL_TILE[1], TILE[1], TILE[1])})
-    for column, letter, row in zip(range(len(tiles)), LETTERS, forces.instants):
+    for column, (letter, row) in enumerate(instants):
         axes[0, column].set_title(f"{letter}: {trajectory.time[row]:.6g} s")
         for ax, tile in zip(axes[:, column], tiles[column]):
             ax.imshow(tile)

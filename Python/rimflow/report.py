@@ -426,6 +426,7 @@ def details(run):
     v = run["versions"]
     rows = [("Computed", f"{run['started']}, {run['seconds']:.1f} s on {run['ranks']} process{'es' if run['ranks'] > 1 else ''}"),
             ("Of this", ", ".join(f"{name[:-2]} {seconds:.1f} s" for name, seconds in run["timings"].items())),
+            *([("Memory", f"{run['memory_peak_MB']} MB at most per process")] if "memory_peak_MB" in run else []),
             ("Versions", ", ".join(f"{name} {number}" for name, number in v.items()))]
     settings = html.escape(json.dumps(run["settings"], indent=1))
     return table(rows) + f"<details><summary>All settings, as in run.json</summary><pre>{settings}</pre></details>"
