@@ -10,8 +10,7 @@ else()
 endif()
 find_package(Python3 REQUIRED COMPONENTS Interpreter Development.Module)
 
-set(rimflow_python_dir "${CMAKE_INSTALL_LIBDIR}/python${Python3_VERSION_MAJOR}.${Python3_VERSION_MINOR}/site-packages")
-string(REGEX REPLACE "^.*lib" "lib" rimflow_python_build_dir "lib/python${Python3_VERSION_MAJOR}.${Python3_VERSION_MINOR}/site-packages")
+set(rimflow_python_build_dir "lib/python${Python3_VERSION_MAJOR}.${Python3_VERSION_MINOR}/site-packages") # in the install tree too
 
 vtk_module_find_modules(rimflow_module_files "${CMAKE_SOURCE_DIR}/Readers" "${CMAKE_SOURCE_DIR}/Filters")
 vtk_module_scan(
@@ -34,9 +33,9 @@ vtk_module_wrap_python(
   TARGET RIMFlow::PythonWrapped
   PYTHON_PACKAGE rimflow
   MODULE_DESTINATION "${rimflow_python_build_dir}"
-  CMAKE_DESTINATION "${CMAKE_INSTALL_LIBDIR}/cmake/rimflow"
+  LIBRARY_DESTINATION "${CMAKE_INSTALL_LIBDIR}" # where the installed Python modules look for the libraries
   BUILD_STATIC OFF
-  INSTALL_HEADERS ON)
+  INSTALL_HEADERS OFF)
 add_subdirectory(Python)
 
 if(RIMFLOW_BUILD_PARAVIEW)
@@ -55,4 +54,8 @@ if(RIMFLOW_BUILD_PARAVIEW)
     DISABLE_XML_DOCUMENTATION ON)
 endif()
 
-install(FILES CMake/RIMFlow-config.cmake DESTINATION "${CMAKE_INSTALL_LIBDIR}/cmake/rimflow")
+include(CMakePackageConfigHelpers)
+configure_file(CMake/rimflow-config.cmake.in "${CMAKE_BINARY_DIR}/CMakeFiles/rimflow-config.cmake" @ONLY)
+write_basic_package_version_file("${CMAKE_BINARY_DIR}/CMakeFiles/rimflow-config-version.cmake" COMPATIBILITY SameMinorVersion)
+install(FILES "${CMAKE_BINARY_DIR}/CMakeFiles/rimflow-config.cmake" "${CMAKE_BINARY_DIR}/CMakeFiles/rimflow-config-version.cmake"
+  DESTINATION "${CMAKE_INSTALL_LIBDIR}/cmake/rimflow")

@@ -79,6 +79,7 @@ void fillPoints(vtkPolyData* output, Snapshot& s, const rimflow::TrackColumnPlan
     for (const std::string& name : plan.furtherNames)
       data->AddArray(makeArray(name.c_str(), 1, std::vector<double>()));
   data->SetActiveVectors("Velocity");
+  data->SetActiveScalars("Velocity"); // ParaView colours by these at first
 }
 
 // Cells over consecutive points: cell c is points offsets[c] to offsets[c+1].

@@ -150,6 +150,7 @@ int vtkSyntheticTracks::RequestData(vtkInformation*, vtkInformationVector**, vtk
   data->AddArray(makeArray<vtkFloatArray>("Acceleration", 3, rows.acceleration));
   data->AddArray(makeArray<vtkIdTypeArray>("TrackId", 1, rows.trackId));
   data->SetActiveVectors("Velocity");
+  data->SetActiveScalars("Velocity"); // ParaView colours by these at first
   if (this->AddTruth) {
     data->AddArray(makeArray<vtkFloatArray>("TrueVelocity", 3, rows.trueVelocity));
     data->AddArray(makeArray<vtkFloatArray>("TrueAcceleration", 3, rows.trueAcceleration));

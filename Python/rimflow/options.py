@@ -120,6 +120,7 @@ def parser():
     p.add_argument("--ranks", type=int, default=1, help="processes (MPI) that share the snapshots")
     p.add_argument("--resume", action="store_true", help="go on with an interrupted run in the same folder")
     p.add_argument("--images", action="store_true", help="also draw the sphere with its tracks and vortices (PNG)")
+    p.add_argument("--movie", action="store_true", help="also a movie of the sphere, its wake and the drag: a frame per snapshot (PNG) and movie.avi")
     return p
 
 

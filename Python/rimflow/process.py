@@ -79,7 +79,8 @@ class Run:
         self.unwritten = []  # messages about files of this rank, and on the first rank in the end of all snapshots
         self.timings = {}
         self.with_forces, self.with_fields = not options.no_forces, options.fields != "none"
-        self.with_flow = self.with_forces or self.with_fields
+        self.with_wake = options.movie and not self.with_fields  # else the movie takes it from the fields
+        self.with_flow = self.with_forces or self.with_fields or self.with_wake
 
     def execute(self):
         if self.ranks.first:
@@ -120,6 +121,9 @@ class Run:
     def sphere_path(self, k):
         return self.path("sphere", f"{k:06d}.vtp")
 
+    def wake_path(self, k):
+        return self.path("wake", f"{k:06d}.vtp")
+
     def image_path(self, k):
         return self.path("fields", f"{k:06d}.vti")
 
@@ -132,12 +136,12 @@ class Run:
             command_line.check_same_settings(self.options.out, settings, "a run")
             files.remove_parts(self.options.out)
         else:
-            for folder in ("snapshots", "sphere", "fields", "report"):
+            for folder in ("snapshots", "sphere", "fields", "wake", "report"):
                 shutil.rmtree(self.path(folder), ignore_errors=True)
             for name in ("trajectory.csv", "forces.csv", "sphere.pvd", "fields.pvd", "run.json", "trajectory.vtp", "trajectory.dat"):
                 if os.path.exists(self.path(name)):
                     os.remove(self.path(name))
-        for folder in ("snapshots", "sphere", "report") + (("fields",) if self.with_fields else ()):
+        for folder in ("snapshots", "sphere", "report") + ("fields",) * self.with_fields + ("wake",) * self.with_wake:
             os.makedirs(self.path(folder), exist_ok=True)
         files.write_json(earlier, settings)
 
@@ -246,6 +250,7 @@ class Run:
         """The sphere and the flow around it, for every snapshot of this rank's share."""
         row_of, mine = {k: i for i, k in enumerate(self.selected)}, self.ranks.share(self.selected)
         flow = pipeline.FlowChain(self.chain) if self.with_flow else None
+        wake = self.wake_of(trajectory) if self.with_wake else None
         bar = ProgressBar("flow" if flow else "files", len(mine)) if self.ranks.first else None
         for done, k in enumerate(mine):
             if bar:
@@ -255,20 +260,30 @@ class Run:
             if not flow or not (known or self.with_fields):
                 self.written(lambda: pipeline.write_polydata(self.sphere_path(k), pipeline.sphere(body)), f"snapshot {k}")
             elif not self.flow_done(k):
-                self.keep_flow(k, body, flow.compute(self.times[k], body))
+                self.keep_flow(k, body, flow.compute(self.times[k], body), wake)
         if bar:
             bar.show(len(mine))
 
     def flow_done(self, k):
         """Whether an interrupted run had finished this snapshot; one that failed is tried again."""
-        return self.options.resume and os.path.exists(self.flow_record_path(k)) and not read_json(self.flow_record_path(k))["failed"]
+        needed = [self.flow_record_path(k)] + [self.wake_path(k)] * self.with_wake
+        return self.options.resume and all(map(os.path.exists, needed)) and not read_json(needed[0])["failed"]
 
-    def keep_flow(self, k, body, flow):
+    def wake_of(self, trajectory):
+        """A function from a flow to what the movie shows of it."""
+        from rimflow import movie
+
+        level = movie.wake_level(trajectory)
+        return lambda image: movie.wake(image, level)
+
+    def keep_flow(self, k, body, flow, wake=None):
         """The record last: a snapshot that has it is done."""
         surface = pipeline.sphere(body) if flow.surface is None else flow.surface
         reasons = [flow.failed, self.written(lambda: pipeline.write_polydata(self.sphere_path(k), surface), f"snapshot {k}")]
         if self.with_fields and flow.image is not None:
             reasons.append(self.written(lambda: pipeline.write_image(self.image_path(k), flow.image), f"snapshot {k}"))
+        if wake and flow.image is not None:
+            reasons.append(self.written(lambda: pipeline.write_polydata(self.wake_path(k), wake(flow.image)), f"snapshot {k}"))
         self.written(lambda: files.write_json(self.flow_record_path(k), {
             "snapshot": k, "quality": flow.quality, "forces": flow.forces, "note": flow.note,
             "failed": "; ".join(filter(None, reasons)), "seconds": flow.seconds}), f"snapshot {k}")
@@ -301,14 +316,23 @@ class Run:
                               if os.path.exists(self.sphere_path(self.selected[row]))}
         run = self.summary(trajectory, flows, loads)
         self.written(lambda: write_report(self.path("report"), trajectory, run, loads), "report")
-        if options.images:  # last: without a working display ParaView ends the process
-            from rimflow import images
-
-            self.written(lambda: images.draw(options.out, trajectory, options.tracks, options.up or (0, 1, 0), loads), "pictures")
-            self.written(lambda: write_report(self.path("report"), trajectory, run, loads), "report")
-        run["unwritten"] = self.unwritten
         self.written(lambda: files.write_json(self.path("run.json"), run), "run.json")
+        if options.images or options.movie:  # last: without a working display ParaView ends the process
+            self.draw(trajectory, loads)
+            self.written(lambda: write_report(self.path("report"), trajectory, run, loads), "report")
+        if self.unwritten:
+            run["unwritten"] = self.unwritten
+            self.written(lambda: files.write_json(self.path("run.json"), run), "run.json")
         self.say(run)
+
+    def draw(self, trajectory, loads):
+        from rimflow import images, movie
+
+        up = self.options.up or (0, 1, 0)
+        if self.options.images:
+            self.written(lambda: images.draw(self.options.out, trajectory, self.options.tracks, up, loads), "pictures")
+        if self.options.movie:
+            self.written(lambda: movie.draw(self.options.out, trajectory, loads, up), "movie")
 
     def summary(self, trajectory, flows, loads):
         """What stands in run.json."""
