@@ -243,4 +243,4 @@ class Scene:
         shown = self.colour(view, self.q_surface(along), "AlongMotion", -0.3 * self.speed, self.speed, "velocity along the motion [m/s]", component=None)
         shown.Opacity = 0.75
         self.add_sphere(view)
-        self.save(view, "vortices.png", f"Vortices: iso-surface of Q = {self.q_level:.0f} 1/s2, coloured by the velocity along the motion", 4.2, turn=25)
+        self.save(view, "vortices.png", f"Vortices: iso-surface of Q = {self.q_level:.0f} 1/s2, coloured by the velocity along the motion", 3.4, turn=25)
