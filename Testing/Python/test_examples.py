@@ -110,6 +110,15 @@ class TestExamples(unittest.TestCase):
         self.assertLess(value["pressure gradient that no pressure explains"], 25)
         self.assertGreater(os.path.getsize(picture), 50000)
 
+    def test_pvpython_path_as_file(self):
+        printed = self.run_example("pvpython", os.path.join(SOURCE, "Examples", "pvpython", "path_as_file.py"), TRACKS, "0.00953", "path.png", "path.dat")
+        single, sigma, apart = map(float, re.search(r"single ones are (\S+) um .* is (\S+) um\n.* differs by (\S+) nm", printed).groups())
+        self.assertLess(sigma, single)
+        self.assertLess(apart, 0.01)
+        self.assertGreater(os.path.getsize(os.path.join(self.folder, "path.png")), 20000)
+        with open(os.path.join(self.folder, "path.dat"), encoding="ascii") as f:
+            self.assertIn("DIAMETER=9.53[mm]", f.read())
+
     def test_pvpython_known_answer(self):
         picture = os.path.join(self.folder, "known.png")
         printed = self.run_example(os.path.join(SOURCE, "rimflow"), "with-display", "pvpython",
