@@ -129,6 +129,17 @@ class TestPages(unittest.TestCase):
         dead = [f"{page.relative_to(SOURCE)}: {link}: {why}" for page in found for link, why in dead_links(page)]
         self.assertFalse(dead, "\n" + "\n".join(dead))
 
+    def test_every_picture_is_shown_and_its_maker_is_named(self):
+        images = SOURCE / "Documentation" / "images"
+        texts = {page: page.read_text(encoding="utf-8") for page in pages()}
+        shown = {(page.parent / link).resolve() for page, text in texts.items() for pair in LINK.findall(text) for link in pair if link}
+        makers = texts[SOURCE / "Documentation" / "developer-guide.md"]
+        for picture in images.glob("**/*.png"):
+            self.assertTrue(picture in shown, f"no page shows {picture.name}")
+            entry = picture.name if picture.parent == images else f"{picture.parent.name}/"
+            if not picture.name.startswith("gui"):
+                self.assertTrue(f"`{entry}`" in makers, f"the developer guide does not say who makes {entry}")
+
     def test_the_tables_of_properties_are_those_of_the_plugin(self):
         tables = 0
         for page in pages():
