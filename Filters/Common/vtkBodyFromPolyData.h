@@ -1,6 +1,7 @@
 // Bodies from what the locator (port 0 or 1) or a user gives: `Diameter`(1) and `Centre`(3), and optionally
 // `Velocity`, `Acceleration` and `AngularVelocity`(3), in the field data (one tuple per body) or on the first
-// point. Header only, internal.
+// point; with `AccelerationSigma` and `AngularVelocitySigma`(3) only as far as they are significant. Header
+// only, internal.
 #ifndef vtkBodyFromPolyData_h
 #define vtkBodyFromPolyData_h
 
@@ -33,6 +34,15 @@ inline vtkIdType numberOfBodies(vtkPolyData* data) {
   return centres && centres->GetNumberOfTuples() > 0 ? centres->GetNumberOfTuples() : 1;
 }
 
+/// Whether a vector is more than noise of these standard deviations: pure noise is taken for more as seldom
+/// as a normal variable exceeds three of them (0.27 %). A negative sigma: the vector is not known; 0: it is
+/// known exactly.
+inline bool significant(const Eigen::Vector3d& vector, const Eigen::Vector3d& sigma) {
+  constexpr double ChiSquared = 14.16; // of three components
+  if (sigma.minCoeff() < 0) return false;
+  return sigma.minCoeff() == 0 || vector.cwiseQuotient(sigma).squaredNorm() > ChiSquared;
+}
+
 /// The body at index `which`, 0 to numberOfBodies - 1. Nothing when the data says that there is no body (the
 /// locator's `Status` is 2, lost). Throws std::invalid_argument when an array is missing or holds no usable
 /// number.
@@ -53,8 +63,15 @@ inline std::optional<Body> bodyOf(vtkPolyData* data, vtkIdType which = 0) {
   body.diameter = diameter->GetTuple1(which);
   centre->GetTuple(which, body.centre.data());
   if (vtkDataArray* v = find("Velocity", 3)) v->GetTuple(which, body.velocity.data());
-  if (vtkDataArray* a = find("Acceleration", 3)) a->GetTuple(which, body.acceleration.data());
-  if (vtkDataArray* w = find("AngularVelocity", 3)) w->GetTuple(which, body.angularVelocity.data());
+  // The wall's motion is taken for certain: what is but noise would be a motion that nobody has seen.
+  const auto motion = [&](const char* name, const char* sigmaName, Eigen::Vector3d& value) {
+    Eigen::Vector3d sigma = Eigen::Vector3d::Zero();
+    if (vtkDataArray* array = find(name, 3)) array->GetTuple(which, value.data());
+    if (vtkDataArray* array = find(sigmaName, 3)) array->GetTuple(which, sigma.data());
+    if (!significant(value, sigma)) value.setZero();
+  };
+  motion("Acceleration", "AccelerationSigma", body.acceleration);
+  motion("AngularVelocity", "AngularVelocitySigma", body.angularVelocity);
   if (!(body.diameter > 0) || !body.centre.allFinite() || !body.velocity.allFinite() ||
       !body.acceleration.allFinite() || !body.angularVelocity.allFinite())
     throw std::invalid_argument(

@@ -207,26 +207,53 @@ void smooth(std::size_t sphere, const std::map<double, LocatedSphere>& known, bo
   }
 }
 
+/// The point of a trajectory at this time; -1: there is none.
+vtkIdType pointAt(double time, vtkPolyData* trajectory) {
+  vtkDataArray* times = trajectory->GetPointData()->GetArray("Time");
+  for (vtkIdType p = 0; p < trajectory->GetNumberOfPoints(); ++p)
+    if (times->GetTuple1(p) == time) return p;
+  return -1;
+}
+
+void makeVertex(vtkPolyData* point) {
+  vtkNew<vtkCellArray> vertex;
+  const vtkIdType first = 0;
+  vertex->InsertNextCell(1, &first);
+  point->SetVerts(vertex);
+}
+
 /// One point for a found sphere, with the motion that its trajectory tells.
 vtkSmartPointer<vtkPolyData> centreOf(std::size_t sphere, double time, const LocatedSphere& s,
                                       vtkPolyData* trajectory) {
   Rows one(sphere);
   one.add(time, s);
-  vtkPointData* data = trajectory->GetPointData();
-  if (data->GetArray("RawCentre")) // smoothed
-    for (vtkIdType row = 0; row < trajectory->GetNumberOfPoints(); ++row)
-      if (data->GetArray("Time")->GetTuple1(row) == time)
-        for (const char* name : {"Velocity", "Acceleration"})
-          one.data()->GetPointData()->GetArray(name)->SetTuple(0, row, data->GetArray(name));
-  vtkNew<vtkCellArray> vertex;
-  const vtkIdType first = 0;
-  vertex->InsertNextCell(1, &first);
-  one.data()->SetVerts(vertex);
+  const vtkIdType at = pointAt(time, trajectory);
+  if (at >= 0 && trajectory->GetPointData()->GetArray("RawCentre")) // smoothed
+    for (const char* name : {"Velocity", "Acceleration"})
+      one.data()->GetPointData()->GetArray(name)->SetTuple(0, at, trajectory->GetPointData()->GetArray(name));
+  makeVertex(one.data());
   return one.data();
 }
 
-vtkSmartPointer<vtkPolyData> surfaceOf(std::size_t sphere, const LocatedSphere& s, int resolution) {
-  const auto surface = rimflow::sphereSurface(s.centre.data(), s.diameter, resolution);
+/// One point of a trajectory by itself.
+vtkSmartPointer<vtkPolyData> onTrajectory(vtkPolyData* trajectory, vtkIdType at) {
+  auto one = vtkSmartPointer<vtkPolyData>::New();
+  vtkNew<vtkPoints> points;
+  points->SetDataTypeToDouble();
+  points->InsertNextPoint(trajectory->GetPoint(at));
+  one->SetPoints(points);
+  one->GetPointData()->CopyAllOn();
+  one->GetPointData()->CopyAllocate(trajectory->GetPointData(), 1);
+  one->GetPointData()->CopyData(trajectory->GetPointData(), at, 0);
+  makeVertex(one);
+  return one;
+}
+
+/// Around a point with Centre and Diameter.
+vtkSmartPointer<vtkPolyData> surfaceOf(std::size_t sphere, vtkPolyData* point, int resolution) {
+  const auto surface =
+      rimflow::sphereSurface(point->GetPointData()->GetArray("Centre")->GetTuple3(0),
+                             point->GetPointData()->GetArray("Diameter")->GetTuple1(0), resolution);
   vtkNew<vtkIntArray> id;
   id->SetName("SphereId");
   id->SetNumberOfTuples(surface->GetNumberOfPoints());
@@ -444,35 +471,43 @@ void vtkInvisibleSphereLocator::FillOutputs(double time, bool whole, vtkInformat
   Internals& state = *this->State;
   vtkPolyData *surface = vtkPolyData::GetData(outputs, 0), *centre = vtkPolyData::GetData(outputs, 1),
               *trajectory = vtkPolyData::GetData(outputs, 2), *wall = vtkPolyData::GetData(outputs, 3);
-  vtkNew<vtkAppendPolyData> surfaces, centres, trajectories;
+  vtkNew<vtkAppendPolyData> surfaces, bodies, centres, trajectories;
   std::string why;
   for (std::size_t i = 0; i < state.group->size(); ++i) {
     const auto& known = (*state.group)[i].known();
     const auto here = known.find(time);
     if (here == known.end()) return; // aborted
     smooth(i, known, whole, state.smoothed[i]);
-    trajectories->AddInputData(state.smoothed[i].trajectory);
-    if (!here->second.found) {
+    vtkPolyData* path = state.smoothed[i].trajectory;
+    trajectories->AddInputData(path);
+    vtkSmartPointer<vtkPolyData> body;
+    if (here->second.found) {
+      centres->AddInputData(body = centreOf(i, time, here->second, path));
+      if (i == 0 && here->second.wall)
+        rimflow::wallToPolyData(estimateOf(time, here->second), 0.5 * here->second.diameter, wall);
+    } else
       why += (why.empty() ? "" : "; ") + here->second.text;
-      continue;
-    }
-    const auto point = centreOf(i, time, here->second, state.smoothed[i].trajectory);
-    centres->AddInputData(point);
-    surfaces->AddInputData(surfaceOf(i, here->second, this->SphereResolution));
-    if (i == 0 && here->second.wall)
-      rimflow::wallToPolyData(estimateOf(time, here->second), 0.5 * here->second.diameter, wall);
+    if (const vtkIdType at = whole ? pointAt(time, path) : -1; at >= 0) body = onTrajectory(path, at);
+    if (!body) continue;
+    bodies->AddInputData(body);
+    surfaces->AddInputData(surfaceOf(i, body, this->SphereResolution));
   }
   join(trajectories, trajectory);
   if (state.group->size() == 1)
     trajectory->GetFieldData()->ShallowCopy(state.smoothed[0].trajectory->GetFieldData());
-  if (centres->GetNumberOfInputConnections(0) == 0) {
+  if (centres->GetNumberOfInputConnections(0) == 0)
     rimflow::addLostBody(centre, time, this->Diameter, why);
-    rimflow::addLostBody(surface, time, this->Diameter, why);
-  } else {
+  else {
     join(centres, centre);
-    join(surfaces, surface);
     rimflow::pointsToFieldData(centre, centre);
-    rimflow::pointsToFieldData(centre, surface);
+  }
+  if (bodies->GetNumberOfInputConnections(0) == 0)
+    rimflow::addLostBody(surface, time, this->Diameter, why);
+  else {
+    vtkNew<vtkPolyData> points;
+    join(bodies, points);
+    join(surfaces, surface);
+    rimflow::pointsToFieldData(points, surface);
   }
   for (vtkPolyData* output : {surface, centre, trajectory, wall})
     output->GetInformation()->Set(vtkDataObject::DATA_TIME_STEP(), time);

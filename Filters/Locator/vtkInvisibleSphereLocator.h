@@ -20,10 +20,11 @@
  * nothing was found have Status 1 and are bridged while their predicted centre is certain to a radius
  * (StatusText says why nothing was found; Cost, GradientNorm and RawCentre are no numbers, ParticlesInside is
  * -1); beyond that they are left out. As soon as all times of the input have been visited, the trajectory is
- * the joint estimate of all snapshots. Output 3, Wall: the tracers next to the wall at this time, which
- * decide where it is, with `Distance` from the wall (m), `Velocity` and `TrackId` (a sample of tracks beyond
- * the wall's immediate neighbourhood); with all that vtkTrajectorySmoother needs for the joint estimate as
- * field data.
+ * the joint estimate of all snapshots, and output 0 is the sphere as that has it, with its motion, also where
+ * it is bridged: the Body for the flow; Centre stays what the snapshot says by itself. Output 3, Wall: the
+ * tracers next to the wall at this time, which decide where it is, with `Distance` from the wall (m),
+ * `Velocity` and `TrackId` (a sample of tracks beyond the wall's immediate neighbourhood); with all that
+ * vtkTrajectorySmoother needs for the joint estimate as field data.
  *
  * With several spheres (OtherDiameters) outputs 0 to 2 hold them one after the other: a surface, a point, a
  * line for each that was found. Wall is that of the first; it is empty with the published cost, whose

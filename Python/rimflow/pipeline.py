@@ -24,10 +24,10 @@ from rimflow.vtkRIMFlowFilters import (vtkInvisibleSphereLocator, vtkOmni3DPress
 from rimflow.vtkRIMFlowReaders import vtkSphereTrajectoryWriter, vtkSTBTrackReader
 
 FIELD_ARRAYS = ("Velocity", "MaterialAcceleration", "Vorticity", "QCriterion", "Pressure", "PressureError", "Mask", "vtkGhostType")
-# chi-squared that three components of pure noise exceed as seldom as a normal variable its three standard deviations (0.27 %)
+
+
+# Chi-squared of three components beyond which a motion is more than noise, as the filters take it (Filters/Common/vtkBodyFromPolyData.h).
 SIGNIFICANT = 14.16
-
-
 WORLD = vtkMultiProcessController.GetGlobalController()  # all ranks, also when ParaView's controller is one rank's own
 
 
@@ -212,9 +212,8 @@ class FlowChain:
         """The Flow at one time around a Body, if its place and motion are known. Raises nothing for what the filters report."""
         arrays = body.GetFieldData()
         known = arrays.HasArray("Centre") and arrays.HasArray("Velocity")
-        moving = wall(body) if known else None
         for step in (self.resample, self.pressure, self.force):
-            step.SetInputDataObject(1, moving)
+            step.SetInputDataObject(1, body if known else None)
         flow = Flow()
         try:
             for name, step in (("flow", self.vortices), ("pressure", self.pressure)):
@@ -231,7 +230,6 @@ class FlowChain:
                 if numbers["drag_N"] is None:
                     raise PipelineError(flow.note)
                 flow.forces, flow.surface = numbers, kept(self.force.GetOutputDataObject(0))
-                flow.surface.GetFieldData().AddArray(body.GetFieldData().GetArray("Acceleration"))
         except PipelineError as error:
             flow.failed = str(error)
         return flow
@@ -349,37 +347,20 @@ def smooth(times, centres, covariances, status, diameter, walls=()):
                          "AngularVelocitySigma", "Status")}
 
 
-def significant(vector, sigma):
-    """Whether a vector is more than noise. sigma: per component; not positive where the vector is not known."""
-    return bool(np.all(sigma > 0) and np.sum((vector / sigma)**2) > SIGNIFICANT)
-
-
 def body(trajectory, row):
     """One row of the trajectory as a Body (field data); without `Centre` where the sphere is lost, without `Velocity` where no other
-    snapshot tells it. The wall turns only where the rotation is significant: else its error would be a motion of the wall that nobody
-    has seen."""
+    snapshot tells it. Acceleration and rotation come with their standard deviations: the filters follow what is significant."""
     data = vtkPolyData()
     add_array(data.GetFieldData(), "Time", np.array([trajectory.time[row]]))
     add_array(data.GetFieldData(), "Status", np.array([int(trajectory.status[row])], np.int32))
     if trajectory.status[row] != 2:
-        motion = [("Velocity", trajectory.velocity), ("Acceleration", trajectory.acceleration), ("AccelerationSigma", trajectory.acceleration_sigma)]
+        motion = [("Velocity", trajectory.velocity), ("Acceleration", trajectory.acceleration), ("AccelerationSigma", trajectory.acceleration_sigma),
+                  ("AngularVelocity", trajectory.rotation), ("AngularVelocitySigma", trajectory.rotation_sigma)]
         alone = np.count_nonzero(trajectory.status != 2) == 1  # one place is no motion
         for name, values in [("Centre", trajectory.centre), ("Covariance", trajectory.covariance)] + ([] if alone else motion):
             add_array(data.GetFieldData(), name, values[row][None, :])
-        if significant(trajectory.rotation[row], trajectory.rotation_sigma[row]):
-            add_array(data.GetFieldData(), "AngularVelocity", trajectory.rotation[row][None, :])
         add_array(data.GetFieldData(), "Diameter", np.array([trajectory.diameter]))
     return data
-
-
-def wall(body_data):
-    """The Body as the flow is to follow it: without an acceleration that is not significant. The wall's acceleration is taken for
-    certain; that of a few snapshots is not, and would falsify the pressure and the momentum balance."""
-    copy = kept(body_data)
-    arrays = copy.GetFieldData()
-    if arrays.GetArray("Acceleration") and not significant(*(vtk_to_numpy(arrays.GetArray(name))[0] for name in ("Acceleration", "AccelerationSigma"))):
-        arrays.RemoveArray("Acceleration")
-    return copy
 
 
 def sphere(body_data):

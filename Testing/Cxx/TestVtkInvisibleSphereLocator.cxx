@@ -208,6 +208,15 @@ TEST(VtkInvisibleSphereLocator, AllTimesTogetherAreTruerAndTellTheRotation) {
   EXPECT_NEAR(omega[2], 20, 4 * sigma[2]);
   EXPECT_GT(sigma[2], 0);
   EXPECT_LT(sigma[2], 5);
+  // the Body is the sphere as the path has it, also its rotation; the centre is what the snapshot says
+  for (const char* name : {"Centre", "Velocity", "Acceleration", "AccelerationSigma", "AngularVelocity"})
+    for (int a = 0; a < 3; ++a)
+      EXPECT_EQ(s.output(0)->GetFieldData()->GetArray(name)->GetComponent(0, a),
+                s.output(2)->GetPointData()->GetArray(name)->GetComponent(4, a))
+          << name;
+  for (int a = 0; a < 3; ++a)
+    EXPECT_EQ(s.output(1)->GetFieldData()->GetArray("Centre")->GetComponent(0, a),
+              s.output(2)->GetPointData()->GetArray("RawCentre")->GetComponent(4, a));
 
   s.locator->JointTrajectoryOff();
   s.at(4);
@@ -311,6 +320,8 @@ TEST(VtkInvisibleSphereLocator, TheTrajectoryBridgesLostSnapshots) {
   s.at(5);
   EXPECT_EQ(s.output(1)->GetNumberOfPoints(), 0); // by itself the snapshot says nothing
   EXPECT_EQ(s.output(1)->GetFieldData()->GetArray("Status")->GetTuple1(0), 2);
+  EXPECT_GT(s.output(0)->GetNumberOfPoints(), 0); // but the path goes through it
+  EXPECT_EQ(s.output(0)->GetFieldData()->GetArray("Status")->GetTuple1(0), 1);
 }
 
 TEST(VtkInvisibleSphereLocator, AllTimesGoBackToWhatWasLostAtFirst) {

@@ -1,6 +1,7 @@
 // Breaks when vtkSurfaceForce reports another force than the flow's or under other names, does not say what
 // is missing, or when a lost sphere ends a series.
 #include "ImageOfFlow.h"
+#include "vtkBodyFromPolyData.h"
 #include "vtkSurfaceForce.h"
 
 #include "vtkCommand.h"
@@ -12,6 +13,7 @@
 #include <cmath>
 #include <gtest/gtest.h>
 #include <string>
+#include <utility>
 
 namespace {
 
@@ -198,6 +200,25 @@ TEST(VtkSurfaceForce, InertiaNeedsAnAccelerationAndTakesItsUncertainty) {
   body->Modified();
   p.filter->Update();
   EXPECT_TRUE(std::isnan(p.number("Fin_y_N")));
+}
+
+TEST(VtkSurfaceForce, AWallFollowsNoMotionThatIsNoise) {
+  using rimflow::significant;
+  EXPECT_FALSE(significant({2, 2, 2}, {1, 1, 1})); // 12 < 14.16
+  EXPECT_TRUE(significant({0, 4, 0}, {1, 1, 1}));
+  EXPECT_FALSE(significant({9, 9, 9}, {-1, -1, -1})); // not known
+  EXPECT_TRUE(significant({1e-9, 0, 0}, {0, 0, 0}));  // known exactly
+  const auto data = bodyData(stokes().body);
+  for (const auto& [name, sigma] :
+       {std::pair{"Acceleration", "AccelerationSigma"}, {"AngularVelocity", "AngularVelocitySigma"}}) {
+    addField(data, name, {0, 5, 0}, 3);
+    addField(data, sigma, {2, 2, 2}, 3);
+  }
+  EXPECT_EQ(rimflow::bodyOf(data)->acceleration, Eigen::Vector3d::Zero());
+  EXPECT_EQ(rimflow::bodyOf(data)->angularVelocity, Eigen::Vector3d::Zero());
+  for (const char* sigma : {"AccelerationSigma", "AngularVelocitySigma"}) addField(data, sigma, {1, 1, 1}, 3);
+  EXPECT_EQ(rimflow::bodyOf(data)->acceleration, Eigen::Vector3d(0, 5, 0));
+  EXPECT_EQ(rimflow::bodyOf(data)->angularVelocity, Eigen::Vector3d(0, 5, 0));
 }
 
 TEST(VtkSurfaceForce, ALostSphereHasARowThatSaysSo) {

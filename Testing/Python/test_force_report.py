@@ -81,30 +81,9 @@ class TestForces(unittest.TestCase):
         self.assertAlmostEqual(forces.standard_drag(100.0), 1.09, delta=0.03)
         self.assertAlmostEqual(forces.standard_drag(1e5), 0.46, delta=0.05)
 
-    def test_the_wall_turns_only_where_the_rotation_is_significant(self):
-        turning = lambda rotation, sigma: pipeline.significant(np.array(rotation, float), np.array(sigma, float))
-        self.assertFalse(turning([2, 0, 0], [1, 1, 1]))
-        self.assertFalse(turning([2, 2, 2], [1, 1, 1]))  # 12 < 14.16
-        self.assertTrue(turning([0, 4, 0], [1, 1, 1]))
-        self.assertFalse(turning([9, 9, 9], [-1, -1, -1]))  # not known
-        self.assertFalse(turning([np.nan] * 3, [np.nan] * 3))
-        t = trajectory(2)
-        t.rotation[1] = [0, 5, 0]
-        still, moving = (pipeline.body(t, row).GetFieldData().GetArray("AngularVelocity") for row in (0, 1))
-        self.assertIsNone(still)
-        self.assertEqual(moving.GetTuple3(0), (0, 5, 0))
-
     def test_one_snapshot_alone_tells_no_velocity(self):
         self.assertTrue(pipeline.body(trajectory(2), 0).GetFieldData().HasArray("Velocity"))
         self.assertFalse(pipeline.body(trajectory(1), 0).GetFieldData().HasArray("Velocity"))
-
-    def test_the_flow_does_not_follow_an_acceleration_that_is_noise(self):
-        t = trajectory(2)
-        t.acceleration[:] = [[2, 0, 0], [20, 0, 0]]
-        for row, known in ((0, False), (1, True)):
-            body = pipeline.body(t, row)
-            self.assertEqual(pipeline.wall(body).GetFieldData().GetArray("Acceleration") is not None, known)
-            self.assertEqual(body.GetFieldData().GetArray("Acceleration").GetTuple3(0)[0], t.acceleration[row][0])  # the files have it
 
 
 if __name__ == "__main__":
