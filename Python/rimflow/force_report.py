@@ -81,7 +81,10 @@ def plot_surface_pressure(t, f, run):
     edges = np.linspace(0, 180, 31)
     middle = 0.5 * (edges[1:] + edges[:-1])
     density = run["settings"]["density_kg_m3"]
-    for letter, (row, (points, pressure)), colour in zip(LETTERS, f.surfaces.items(), plt.get_cmap("viridis")(np.linspace(0, 0.85, 4))):
+    for letter, row, colour in zip(LETTERS, f.instants, plt.get_cmap("viridis")(np.linspace(0, 0.85, 4))):
+        if row not in f.surfaces:
+            continue  # its file could not be written
+        points, pressure = f.surfaces[row]
         normal = (points - t.centre[row]) / np.linalg.norm(points - t.centre[row], axis=1)[:, None]
         angle = np.degrees(np.arccos(np.clip(normal @ f.motion[row], -1, 1)))
         cp = pressure / (0.5 * density * np.sum(t.velocity[row]**2))
@@ -94,7 +97,8 @@ def plot_surface_pressure(t, f, run):
            ylabel="pressure coefficient p / (rho V²/2)")
     ax.set_xticks(np.arange(0, 181, 30))
     ax.grid(alpha=0.3)
-    ax.legend(fontsize=9, title="mean around the axis; bands: least to largest")
+    if f.surfaces:
+        ax.legend(fontsize=9, title="mean around the axis; bands: least to largest")
     return figure
 
 

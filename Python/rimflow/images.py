@@ -30,7 +30,7 @@ def draw(out, trajectory, tracks, up, forces=None):
     if os.path.exists(os.path.join(out, "fields.pvd")):
         scene.slice()
         scene.vortices()
-    if forces and forces.instants:
+    if forces and forces.surfaces:
         surface_pressure(simple, out, trajectory, forces, up)
 
 
@@ -38,10 +38,11 @@ def surface_pressure(simple, out, trajectory, forces, up):
     """surface.png: a column per instant; the pressure on the sphere with the vortices from the side, and from the front and the rear."""
     low, high = np.percentile(np.concatenate([pressure for _, pressure in forces.surfaces.values()]), [0.5, 99.5])
     limit = max(abs(low), abs(high), 1e-12)
-    tiles = [Scene(simple, out, trajectory, row, up).pressure_tiles(limit) for row in forces.instants]
+    instants = [(letter, row) for letter, row in zip(LETTERS, forces.instants) if row in forces.surfaces]
+    tiles = [Scene(simple, out, trajectory, row, up).pressure_tiles(limit) for _, row in instants]
     figure, axes = plt.subplots(3, len(tiles), figsize=(3.2 * len(tiles) + 1.2, 11.5), layout="constrained", squeeze=False,
                                 gridspec_kw={"height_ratios": (TALL_TILE[1], TILE[1], TILE[1])})
-    for column, letter, row in zip(range(len(tiles)), LETTERS, forces.instants):
+    for column, (letter, row) in enumerate(instants):
         axes[0, column].set_title(f"{letter}: {trajectory.time[row]:.6g} s")
         for ax, tile in zip(axes[:, column], tiles[column]):
             ax.imshow(tile)
@@ -64,7 +65,10 @@ def pixels(view):
 
     captured = view.SMProxy.CaptureWindow(1)
     width, height, _ = captured.GetDimensions()
-    return vtk_to_numpy(captured.GetPointData().GetScalars()).reshape(height, width, -1)[::-1].copy()
+    array = vtk_to_numpy(captured.GetPointData().GetScalars()).reshape(height, width, -1)[::-1].copy()
+    if captured.GetReferenceCount() > 1:  # ParaView 5.11 gives it away with a reference too many: 2.4 MB for each frame of a movie
+        captured.UnRegister(None)
+    return array
 
 
 def q_level(speed, diameter):
@@ -242,4 +246,4 @@ class Scene:
         shown = self.colour(view, self.q_surface(along), "AlongMotion", -0.3 * self.speed, self.speed, "velocity along the motion [m/s]", component=None)
         shown.Opacity = 0.75
         self.add_sphere(view)
-        self.save(view, "vortices.png", f"Vortices: iso-surface of Q = {self.q_level:.0f} 1/s2, coloured by the velocity along the motion", 4.2, turn=25)
+        self.save(view, "vortices.png", f"Vortices: iso-surface of Q = {self.q_level:.0f} 1/s2, coloured by the velocity along the motion", 3.4, turn=25)

@@ -67,7 +67,8 @@ def draw(out, trajectory, loads, up):
 
 def wake_level(trajectory):
     """The Q of the surface that shows the wake, the same in all frames."""
-    return float(q_level(np.linalg.norm(trajectory.velocity[trajectory.status != 2], axis=1).mean(), trajectory.diameter))
+    speed = np.linalg.norm(trajectory.velocity[trajectory.status != 2], axis=1)
+    return float(q_level(speed.mean() if len(speed) else 0.0, trajectory.diameter))
 
 
 def wake(image, level):

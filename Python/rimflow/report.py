@@ -8,6 +8,7 @@ import html
 import json
 import mimetypes
 import os
+import re
 
 import matplotlib
 
@@ -90,7 +91,8 @@ def plot_trajectory(t, run):
     sphere = radius * np.array([np.cos(a) * np.sin(b), np.sin(a) * np.sin(b), np.cos(b)])
     ax.plot_wireframe(*(sphere + centre[-1][order][:, None, None]), color="0.4", lw=0.3, alpha=0.6)
     low, high = centre.min(0) - 1.1 * radius, centre.max(0) + 1.1 * radius
-    limits = np.stack([low, high])[:, order]
+    missing = np.maximum(0, 0.3 * np.max(high - low) - (high - low))  # a long path: not so slender that the axes cannot be read
+    limits = np.stack([low - 0.5 * missing, high + 0.5 * missing])[:, order]
     ax.set(xlim=limits[:, 0], ylim=limits[:, 1], zlim=limits[:, 2], xlabel=f"{AXES[order[0]]} [mm]", ylabel=f"{AXES[order[1]]} [mm]",
            zlabel=f"{AXES[order[2]]} [mm]", title=f"Centre of the sphere, d = {1e3 * t.diameter:g} mm (drawn at its last place)")
     ax.set_box_aspect(np.ptp(limits, axis=0))
@@ -360,16 +362,22 @@ def quality_numbers(run):
 
 
 def problems(found):
-    """What went wrong, most frequent first; what happened in many snapshots is said once."""
-    groups = {}
-    for snapshot, text in found:
-        groups.setdefault(text, []).append(snapshot)
+    """What went wrong, most frequent first; what happened in many snapshots is said once, also where the numbers in it differ."""
     lines = []
-    for text, snapshots in sorted(groups.items(), key=lambda item: (-len(item[1]), item[1][0])):
-        many = len(snapshots) > 1
-        lines.append(f"<li>Snapshot{'s' if many else ''} {ranges(snapshots)}: {html.escape(text)}</li>")
+    for snapshots, text, others in gathered(found):
+        differing = f" (the numbers are those of snapshot {snapshots[0]})" if others else ""
+        lines.append(f"<li>Snapshot{'s' if len(snapshots) > 1 else ''} {ranges(snapshots)}: {html.escape(text)}{differing}</li>")
     count = len({snapshot for snapshot, _ in found})
     return f'<div class="problems"><h2>Problems in {count} snapshot{"s" if count > 1 else ""}</h2><ul>{"".join(lines)}</ul></div>' if lines else ""
+
+
+def gathered(found):
+    """[(snapshot, text)] -> [(snapshots, text of the first, whether others differ in their numbers)], most frequent first."""
+    groups = {}
+    for snapshot, text in sorted(found):
+        groups.setdefault(re.sub(r"\d+(\.\d+)?", "0", text), []).append((snapshot, text))
+    return [([snapshot for snapshot, _ in group], group[0][1], len({text for _, text in group}) > 1)
+            for group in sorted(groups.values(), key=lambda group: (-len(group), group[0]))]
 
 
 def ranges(numbers):
@@ -394,10 +402,8 @@ def movie(folder):
         return "<p>No frame could be drawn.</p>" + problems(made["left_out"])
     what = "the sphere with the pressure on it, its wake (iso-surface of the Q-criterion)" if made["frames_with_wake"] else "the sphere with the pressure on it"
     full = f" In full size: movie/{made['video']} (for players and slides)." if made["video"] else ""
-    groups = {}
-    for snapshot, text in made["left_out"]:
-        groups.setdefault(text, []).append(snapshot)
-    missing = "".join(f"<p>Left out: snapshots {ranges(snapshots)}, {html.escape(text)}.</p>" for text, snapshots in groups.items())
+    missing = "".join(f"<p>Left out: snapshot{'s' if len(snapshots) > 1 else ''} {ranges(snapshots)}, {html.escape(text)}.</p>"
+                      for snapshots, text, _ in gathered(made["left_out"]))
     return (figure(folder, os.path.join("movie", made["preview"]), f"{what[0].upper()}{what[1:]}, and the drag over time; {made['frames']} frames, "
                    "the colours mean the same in all of them")
             + f"<p>Single frames: movie/NNNNNN.png, by the snapshot's number.{full}</p>{missing}")
@@ -426,6 +432,7 @@ def details(run):
     v = run["versions"]
     rows = [("Computed", f"{run['started']}, {run['seconds']:.1f} s on {run['ranks']} process{'es' if run['ranks'] > 1 else ''}"),
             ("Of this", ", ".join(f"{name[:-2]} {seconds:.1f} s" for name, seconds in run["timings"].items())),
+            *([("Memory", f"{run['memory_peak_MB']} MB at most per process")] if "memory_peak_MB" in run else []),
             ("Versions", ", ".join(f"{name} {number}" for name, number in v.items()))]
     settings = html.escape(json.dumps(run["settings"], indent=1))
     return table(rows) + f"<details><summary>All settings, as in run.json</summary><pre>{settings}</pre></details>"

@@ -100,6 +100,50 @@ class TestExamples(unittest.TestCase):
         self.assertAlmostEqual(1e-3 * drag, cd * 1820 / 2 * 0.25**2 * 3.14159 / 4 * 0.00953**2, delta=1e-4)
         self.assertGreater(os.path.getsize(picture), 20000)
 
+    def test_pvpython_flow_fields(self):
+        picture = os.path.join(self.folder, "flow.png")
+        printed = self.run_example(os.path.join(SOURCE, "rimflow"), "with-display", "pvpython",
+                                   os.path.join(SOURCE, "Examples", "pvpython", "flow_fields.py"), TRACKS, "0.00953", *FLUID, picture)
+        value = {name: float(number) for name, number in re.findall(r"^(.+): (\S+)", printed, re.MULTILINE)}
+        self.assertAlmostEqual(value["noise of the velocities, m/s"], 0.01 * 0.25, delta=0.1 * 0.0025)
+        self.assertLess(abs(value["misfit of the velocities, noise levels"] - 1), 0.3)
+        self.assertLess(value["pressure gradient that no pressure explains"], 25)
+        self.assertGreater(os.path.getsize(picture), 50000)
+
+    def test_pvpython_path_as_file(self):
+        printed = self.run_example("pvpython", os.path.join(SOURCE, "Examples", "pvpython", "path_as_file.py"), TRACKS, "0.00953", "path.png", "path.dat")
+        single, sigma, apart = map(float, re.search(r"single ones are (\S+) um .* is (\S+) um\n.* differs by (\S+) nm", printed).groups())
+        self.assertLess(sigma, single)
+        self.assertLess(apart, 0.01)
+        self.assertGreater(os.path.getsize(os.path.join(self.folder, "path.png")), 20000)
+        with open(os.path.join(self.folder, "path.dat"), encoding="ascii") as f:
+            self.assertIn("DIAMETER=9.53[mm]", f.read())
+
+    def test_pvpython_known_answer(self):
+        picture = os.path.join(self.folder, "known.png")
+        printed = self.run_example(os.path.join(SOURCE, "rimflow"), "with-display", "pvpython",
+                                   os.path.join(SOURCE, "Examples", "pvpython", "known_answer.py"), picture)
+        rows = re.findall(r"^\S+ s: (\S+) um from the truth \((\S+) % of d\), stated (\S+) um", printed, re.MULTILINE)
+        self.assertEqual(len(rows), 12)
+        for distance, percent, stated in rows:
+            self.assertLess(float(distance), 4 * float(stated))
+            self.assertAlmostEqual(1e-6 * float(distance), 0.01 * float(percent) * 0.01111, delta=1e-6)
+            self.assertLess(float(percent), 2)
+        self.assertGreater(os.path.getsize(picture), 50000)
+
+    def test_every_example_has_a_line_in_the_index(self):
+        with open(os.path.join(SOURCE, "Examples", "README.md"), encoding="utf-8") as f:
+            index = f.read()
+        with open(__file__, encoding="utf-8") as f:
+            tests = f.read()
+        for folder, _, names in os.walk(os.path.join(SOURCE, "Examples")):
+            for name in names:
+                path = os.path.relpath(os.path.join(folder, name), os.path.join(SOURCE, "Examples"))
+                if name.endswith((".py", ".cxx", ".sbatch")):
+                    self.assertIn(f"({path})", index)
+                if path.startswith("pv"):
+                    self.assertIn(f'"{name}"', tests, "it is not run here")
+
     def test_pvbatch_forces_in_parallel(self):
         script = os.path.join(SOURCE, "Examples", "pvbatch", "forces_in_parallel.py")
         tables = []

@@ -101,8 +101,12 @@ class TestReport(unittest.TestCase):
         page = self.page(trajectory([0, 0]), run())
         self.assertIn('src="data:image/webp;base64,UklGRg=="', page)
         self.assertIn("snapshots 2, 3, the sphere is lost", page)
-        self.assertIn("snapshots 9, sphere/000009.vtp is missing", page)
+        self.assertIn("snapshot 9, sphere/000009.vtp is missing", page)
         self.assertIn("movie/movie.avi", page)
+
+    def test_the_same_problem_with_other_numbers_is_one_problem(self):
+        self.assertEqual(report.gathered([(5, "the ball holds 31 of 90.5"), (4, "the ball holds 30 of 90.5"), (6, "no flow")]),
+                         [([4, 5], "the ball holds 30 of 90.5", True), ([6], "no flow", False)])
 
     def test_ranges(self):
         self.assertEqual(report.ranges([7, 1, 2, 3, 9, 10]), "1 to 3, 7, 9, 10")

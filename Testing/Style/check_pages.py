@@ -55,6 +55,29 @@ def dead_links(page):
     return dead
 
 
+def literals():
+    """All texts in the sources, with those that are written in pieces put together; what is inserted in between becomes '...'."""
+    texts = []
+    for pattern in ("Filters/**/*.cxx", "Filters/**/*.h", "Readers/*.cxx", "Readers/*.h", "Python/rimflow/*.py", "rimflow"):
+        for path in sorted(SOURCE.glob(pattern)):
+            text = path.read_text(encoding="utf-8")
+            text = re.sub(r"\"\s*\n?\s*f?\"", "", text)  # "a" "b", and f"a" f"b" in Python
+            texts.append(re.sub(r"\{[^{}\n]*\}", "...", text) if path.suffix == ".py" else text)
+    return "\n".join(texts)
+
+
+def unknown_messages(page, sources):
+    """What stands in italics in the first column of the page's tables and is in no source; '...' stands for anything."""
+    missing = []
+    for line in page.read_text(encoding="utf-8").splitlines():
+        cell = line.split("|")[1] if line.startswith("| *") else ""
+        if "(ParaView's)" in cell:
+            continue
+        for message in re.findall(r"\*([^*]+)\*", cell):
+            missing += [piece for piece in re.split(r"\s*\.\.\.\s*", message) if len(piece) > 8 and piece not in sources]
+    return missing
+
+
 def proxy(name):
     for path in sorted((SOURCE / "ServerManager").glob("*.xml")):
         for found in ElementTree.parse(path).getroot().iter():
@@ -106,6 +129,17 @@ class TestPages(unittest.TestCase):
         dead = [f"{page.relative_to(SOURCE)}: {link}: {why}" for page in found for link, why in dead_links(page)]
         self.assertFalse(dead, "\n" + "\n".join(dead))
 
+    def test_every_picture_is_shown_and_its_maker_is_named(self):
+        images = SOURCE / "Documentation" / "images"
+        texts = {page: page.read_text(encoding="utf-8") for page in pages()}
+        shown = {(page.parent / link).resolve() for page, text in texts.items() for pair in LINK.findall(text) for link in pair if link}
+        makers = texts[SOURCE / "Documentation" / "developer-guide.md"]
+        for picture in images.glob("**/*.png"):
+            self.assertTrue(picture in shown, f"no page shows {picture.name}")
+            entry = picture.name if picture.parent == images else f"{picture.parent.name}/"
+            if not picture.name.startswith("gui"):
+                self.assertTrue(f"`{entry}`" in makers, f"the developer guide does not say who makes {entry}")
+
     def test_the_tables_of_properties_are_those_of_the_plugin(self):
         tables = 0
         for page in pages():
@@ -113,6 +147,9 @@ class TestPages(unittest.TestCase):
             tables += len(TABLE.findall(text))
             self.assertEqual(text, with_tables(text), f"run python3 Testing/Style/check_pages.py --update for {page.name}")
         self.assertGreater(tables, 5)
+
+    def test_the_messages_are_those_of_the_sources(self):
+        self.assertFalse(unknown_messages(SOURCE / "Documentation" / "messages.md", literals()))
 
     def test_a_dead_link_is_noticed(self):
         self.assertEqual(anchors("# What's new?\n## A `b` (c)\n## A `b` (c)"), {"whats-new", "a-b-c", "a-b-c-1"})
