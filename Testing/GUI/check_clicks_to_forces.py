@@ -6,6 +6,7 @@ import runpy
 import unittest
 import xml.etree.ElementTree
 
+import paraview
 from paraview import simple
 
 import rimflow_testing
@@ -60,9 +61,11 @@ class TestClicksToForces(unittest.TestCase):
         self.check_views()
 
     def test_the_trace(self):
-        simple.CreateLayout("Layout").AssignView(0, simple.GetActiveViewOrCreate("RenderView"))  # as the window has them
+        layout = simple.CreateLayout("Layout #1")  # as the window has one
+        layout.AssignView(0, simple.GetActiveViewOrCreate("RenderView"))
         runpy.run_path(os.path.join(os.environ["RIMFLOW_SOURCE"], "Python", "gui", "open_tracks.py"))
-        runpy.run_path(str(FOLDER / "forces_by_clicks_trace.py"))
+        trace = (FOLDER / "forces_by_clicks_trace.py").read_text()
+        exec(compile(trace, "trace", "exec"), {"paraview": paraview})
         self.check(simple.FindSource("TracksToForces1"))
         self.check_views()
 
