@@ -1,7 +1,8 @@
 // From tracks to the drag on the sphere, without ParaView:
 //     forces TRACKS DIAMETER DENSITY VISCOSITY SURFACE.vtp [STEP]
-// Prints time, drag and drag coefficient of every STEPth snapshot (default 5) and writes the sphere of the last one, with the
-// pressure and the traction on it. Diameter in m, density in kg/m3, kinematic viscosity in m2/s.
+// Prints time, drag and drag coefficient of every STEPth snapshot (default 5) and writes the sphere of the
+// last one, with the pressure and the traction on it. Diameter in m, density in kg/m3, kinematic viscosity in
+// m2/s.
 #include <vtkInvisibleSphereLocator.h>
 #include <vtkOmni3DPressure.h>
 #include <vtkSTBTrackReader.h>
@@ -25,7 +26,8 @@
 
 namespace {
 
-/// Remembers the first error of the algorithms that it watches. VTK would print it, and go on with an empty output.
+/// Remembers the first error of the algorithms that it watches. VTK would print it, and go on with an empty
+/// output.
 class FirstError : public vtkCommand {
 public:
   static FirstError* New() { return new FirstError; }
@@ -34,12 +36,10 @@ public:
     algorithm->GetExecutive()->AddObserver(vtkCommand::ErrorEvent, this);
   }
   void Execute(vtkObject*, unsigned long, void* message) override {
-    if (this->Message.empty())
-      this->Message = static_cast<const char*>(message);
+    if (this->Message.empty()) this->Message = static_cast<const char*>(message);
   }
   void ThrowIfAny() const {
-    if (!this->Message.empty())
-      throw std::runtime_error(this->Message);
+    if (!this->Message.empty()) throw std::runtime_error(this->Message);
   }
 
 private:
@@ -69,7 +69,8 @@ public:
     this->Force->SetDensity(density);
     this->Force->SetViscosity(viscosity);
 
-    for (vtkAlgorithm* algorithm : std::vector<vtkAlgorithm*>{this->Tracks, this->Locator, this->Flow, this->Pressure, this->Force})
+    for (vtkAlgorithm* algorithm :
+         std::vector<vtkAlgorithm*>{this->Tracks, this->Locator, this->Flow, this->Pressure, this->Force})
       this->Error->Watch(algorithm);
   }
 
@@ -108,19 +109,19 @@ void write(vtkPolyData* surface, const char* name) {
   vtkNew<vtkXMLPolyDataWriter> writer;
   writer->SetInputData(surface);
   writer->SetFileName(name);
-  if (!writer->Write())
-    throw std::runtime_error(std::string(name) + " cannot be written");
+  if (!writer->Write()) throw std::runtime_error(std::string(name) + " cannot be written");
 }
 
 void run(const std::vector<std::string>& arguments) {
-  Pipeline pipeline(arguments[0].c_str(), std::stod(arguments[1]), std::stod(arguments[2]), std::stod(arguments[3]));
+  Pipeline pipeline(arguments[0].c_str(), std::stod(arguments[1]), std::stod(arguments[2]),
+                    std::stod(arguments[3]));
   const std::vector<double> times = pipeline.Times();
   const std::size_t step = arguments.size() > 5 ? std::max(1, std::stoi(arguments[5])) : 5;
   std::printf("    time [s]   drag [mN]       Cd\n");
   for (std::size_t i = step / 2; i < times.size(); i += step) {
     pipeline.Update(times[i]);
-    std::printf("%12.6f %11.3f %8.3f  %s\n", times[i], 1e3 * pipeline.Column("drag_N").ToDouble(), pipeline.Column("Cd").ToDouble(),
-                pipeline.Column("note").ToString().c_str());
+    std::printf("%12.6f %11.3f %8.3f  %s\n", times[i], 1e3 * pipeline.Column("drag_N").ToDouble(),
+                pipeline.Column("Cd").ToDouble(), pipeline.Column("note").ToString().c_str());
   }
   write(pipeline.Surface(), arguments[4].c_str());
 }
