@@ -7,6 +7,7 @@ Three passes; in the first and the last each rank has a contiguous share:
 In the end the first rank writes what concerns all snapshots: forces.csv, run.json, report/.
 The results do not depend on the number of ranks, nor on when a run was interrupted: what one snapshot learns from another is fixed by BLOCK.
 """
+import hashlib
 import itertools
 import json
 import os
@@ -57,6 +58,11 @@ class Trajectory:
     @property
     def sigma(self):
         return np.sqrt(self.covariance[:, :3])
+
+    def digest(self, row):
+        """Tells whether what was computed around the sphere of a snapshot still holds."""
+        motion = (self.centre, self.velocity, self.acceleration, self.covariance, self.acceleration_sigma, self.rotation, self.rotation_sigma)
+        return hashlib.sha1(b"".join(np.ascontiguousarray(values[row]).tobytes() for values in motion)).hexdigest()
 
 
 def main(arguments):
@@ -152,7 +158,7 @@ class Run:
         bar = ProgressBar("sphere", sum(map(len, mine))) if self.ranks.first else None
         done = 0
         for block in mine:
-            if not (self.options.resume and all(os.path.exists(self.record_path(k)) for k in block)):
+            if not self.located(block):
                 self.chain.begin()
                 for i, k in enumerate(block):
                     if bar:
@@ -164,6 +170,11 @@ class Run:
         self.ranks.wait()
         for run in self.ranks.share(self.lost_runs(self.read_records())):
             self.look_again(*run)
+
+    def located(self, block):
+        """Whether an interrupted run had searched these snapshots; where one failed they are tried again."""
+        paths = [self.record_path(k) for k in block]
+        return self.options.resume and all(os.path.exists(path) and not read_json(path).get("failed") for path in paths)
 
     def lost_runs(self, records):
         """What was lost when nothing else was known yet, at the beginnings of blocks: (the last find before, neighbouring snapshots, the
@@ -259,15 +270,18 @@ class Run:
             known = trajectory.status[row_of[k]] != LOST
             if not flow or not (known or self.with_fields):
                 self.written(lambda: pipeline.write_polydata(self.sphere_path(k), pipeline.sphere(body)), f"snapshot {k}")
-            elif not self.flow_done(k):
-                self.keep_flow(k, body, flow.compute(self.times[k], body), wake)
+            elif not self.flow_done(k, trajectory.digest(row_of[k])):
+                self.keep_flow(k, body, flow.compute(self.times[k], body), trajectory.digest(row_of[k]), wake)
         if bar:
             bar.show(len(mine))
 
-    def flow_done(self, k):
-        """Whether an interrupted run had finished this snapshot; one that failed is tried again."""
+    def flow_done(self, k, sphere):
+        """Whether an interrupted run had finished this snapshot around the same sphere (its digest); one that failed is tried again."""
         needed = [self.flow_record_path(k)] + [self.wake_path(k)] * self.with_wake
-        return self.options.resume and all(map(os.path.exists, needed)) and not read_json(needed[0])["failed"]
+        if not (self.options.resume and all(map(os.path.exists, needed))):
+            return False
+        record = read_json(needed[0])
+        return not record["failed"] and record["sphere"] == sphere
 
     def wake_of(self, trajectory):
         """A function from a flow to what the movie shows of it."""
@@ -276,7 +290,7 @@ class Run:
         level = movie.wake_level(trajectory)
         return lambda image: movie.wake(image, level)
 
-    def keep_flow(self, k, body, flow, wake=None):
+    def keep_flow(self, k, body, flow, sphere, wake=None):
         """The record last: a snapshot that has it is done."""
         surface = pipeline.sphere(body) if flow.surface is None else flow.surface
         reasons = [flow.failed, self.written(lambda: pipeline.write_polydata(self.sphere_path(k), surface), f"snapshot {k}")]
@@ -285,7 +299,7 @@ class Run:
         if wake and flow.image is not None:
             reasons.append(self.written(lambda: pipeline.write_polydata(self.wake_path(k), wake(flow.image)), f"snapshot {k}"))
         self.written(lambda: files.write_json(self.flow_record_path(k), {
-            "snapshot": k, "quality": flow.quality, "forces": flow.forces, "note": flow.note,
+            "snapshot": k, "sphere": sphere, "quality": flow.quality, "forces": flow.forces, "note": flow.note,
             "failed": "; ".join(filter(None, reasons)), "seconds": flow.seconds}), f"snapshot {k}")
 
     def read_flow_records(self, trajectory):

@@ -121,6 +121,13 @@ class TestInterruptions(unittest.TestCase):
         self.assertIn("000004.vti", run["problems"][0][1])
         self.assertEqual(run["snapshots"]["with_forces"], 4)  # small enough
         self.assertEqual([path for path in content(out) if ".part" in path or path.startswith("fields/")], [])
+        # as if the record of the sphere, too, could not have been written: then the path was another, and so was the flow
+        os.remove(os.path.join(out, "snapshots", "000005.json"))
+        spoilt = os.path.join(out, "snapshots", "000006.flow.json")
+        with open(spoilt, encoding="utf-8") as f:
+            record = json.load(f)
+        with open(spoilt, "w", encoding="utf-8") as f:
+            json.dump({**record, "failed": "", "sphere": "another", "forces": {**record["forces"], "drag_N": 1.0}}, f)
         self.finished("full", *steps, "--resume", ranks=1)
         self.finished("whole", *steps, ranks=1)
         self.same("full", content(os.path.join(self.folder, "whole")))
