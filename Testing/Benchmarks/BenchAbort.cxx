@@ -1,7 +1,8 @@
-// How long every filter takes to answer an abort, and how long it is silent: times from the abort flag, raised
-// at random moments by another thread and by a progress observer, to the return of Update; and the longest
-// time without a progress event. Realistic sizes: 100,000 particles, 40 to 200 snapshots, grids up to 128^3.
-// BenchAbort [trials [name...]]: trials per kind (default 5), only the cases whose names contain a given word.
+// How long every filter takes to answer an abort, and how long it is silent: times from the abort flag,
+// raised at random moments by another thread and by a progress observer, to the return of Update; and the
+// longest time without a progress event. Realistic sizes: 100,000 particles, 40 to 200 snapshots, grids up to
+// 128^3. BenchAbort [trials [name...]]: trials per kind (default 5), only the cases whose names contain a
+// given word.
 #include "vtkInvisibleSphereLocator.h"
 #include "vtkOmni3DPressure.h"
 #include "vtkQCriterion.h"
@@ -256,12 +257,13 @@ struct TrackFile {
 
 /// The path of a sphere as text, 20,000 rows.
 struct PathFile {
-  std::filesystem::path path = std::filesystem::temp_directory_path() / "rimflow_bench_abort.csv";
+  std::filesystem::path path = std::filesystem::temp_directory_path() / "rimflow_bench_abort_path.dat";
   PathFile() {
     std::FILE* file = std::fopen(path.c_str(), "w");
-    std::fputs("time_s,x_m,y_m,z_m\n", file);
+    std::fputs("VARIABLES = \"Time [s]\" \"x [m]\" \"y [m]\" \"z [m]\"\n", file);
     for (int k = 0; k < 20000; ++k)
-      std::fprintf(file, "%.6f,%.7f,%.7f,%.7f\n", 1e-4 * k, 1e-4 * k, 1e-3 * std::sin(0.1 * k), 1e-6 * (k % 7));
+      std::fprintf(file, "%.6f %.7f %.7f %.7f\n", 1e-4 * k, 1e-4 * k, 1e-3 * std::sin(0.1 * k),
+                   1e-6 * (k % 7));
     std::fclose(file);
   }
   ~PathFile() { std::filesystem::remove(path); }
@@ -282,20 +284,29 @@ std::vector<Case> cases() {
   };
   all.push_back({"reader: open and show", reader([](auto*) {}, false), 0.01});
   all.push_back({"reader: show", reader([](auto*) {}, true), 0.01});
-  all.push_back({"reader: pathlines", reader([](auto* r) { r->SetOutputMode(vtkSTBTrackReader::PATHLINES); }, true), 0.01});
-  all.push_back({"reader: all pathlines", reader([](auto* r) {
-                   r->SetOutputMode(vtkSTBTrackReader::PATHLINES);
-                   r->SetTrailLength(0);
-                 }, true), 0.01});
-  all.push_back({"reader: track statistics", reader([](auto* r) { r->SetTrackStatistics(true); }, true), 0.01});
-  all.push_back({"reader: velocities from positions", reader([](auto* r) { r->SetEstimateVelocities(2); }, true), 0.01});
+  all.push_back({"reader: pathlines",
+                 reader([](auto* r) { r->SetOutputMode(vtkSTBTrackReader::PATHLINES); }, true), 0.01});
+  all.push_back({"reader: all pathlines",
+                 reader(
+                     [](auto* r) {
+                       r->SetOutputMode(vtkSTBTrackReader::PATHLINES);
+                       r->SetTrailLength(0);
+                     },
+                     true),
+                 0.01});
+  all.push_back(
+      {"reader: track statistics", reader([](auto* r) { r->SetTrackStatistics(true); }, true), 0.01});
+  all.push_back({"reader: velocities from positions",
+                 reader([](auto* r) { r->SetEstimateVelocities(2); }, true), 0.01});
   static PathFile pathFile;
-  all.push_back({"sphere trajectory: open", []() -> Algorithm {
+  all.push_back({"sphere trajectory: open",
+                 []() -> Algorithm {
                    auto r = vtkSmartPointer<vtkSphereTrajectoryReader>::New();
                    r->SetFileName(pathFile.path.c_str());
                    r->SetDiameter(0.01);
                    return r;
-                 }, 0.01});
+                 },
+                 0.01});
   all.push_back({"synthetic tracks", []() -> Algorithm { return tracks(40); }, 0.01});
 
   static auto series = tracks(40), thin = tracks(120, 4e8);
@@ -314,12 +325,14 @@ std::vector<Case> cases() {
   all.push_back({"VIC#, each its own noise", vic(false, 0), middle});
 
   static auto cube = flowImage(128, 128, 128), paper = flowImage(160, 109, 36);
-  all.push_back({"Q-criterion, 128^3", []() -> Algorithm {
+  all.push_back({"Q-criterion, 128^3",
+                 []() -> Algorithm {
                    auto f = vtkSmartPointer<vtkQCriterion>::New();
                    f->SetInputData(cube);
                    f->SetComputeLambda2(true);
                    return f;
-                 }, 0});
+                 },
+                 0});
   const auto pressure = [](vtkImageData* image, int method, std::function<void(vtkOmni3DPressure*)> set) {
     return [=]() -> Algorithm {
       auto f = vtkSmartPointer<vtkOmni3DPressure>::New();
@@ -333,16 +346,20 @@ std::vector<Case> cases() {
   const auto nothing = [](auto*) {};
   all.push_back({"pressure: one-shot, 128^3", pressure(cube, vtkOmni3DPressure::ONE_SHOT, nothing), 0});
   all.push_back({"pressure: one-shot, 160x109x36", pressure(paper, vtkOmni3DPressure::ONE_SHOT, nothing), 0});
-  all.push_back({"pressure: nodes left out, 128^3", pressure(cube, vtkOmni3DPressure::ONE_SHOT,
-                 [](auto* f) { f->SetLargestGradientError(1e3); }), 0});
-  all.push_back({"pressure: lines, 160x109x36", pressure(paper, vtkOmni3DPressure::PARALLEL_LINES, nothing), 0});
+  all.push_back(
+      {"pressure: nodes left out, 128^3",
+       pressure(cube, vtkOmni3DPressure::ONE_SHOT, [](auto* f) { f->SetLargestGradientError(1e3); }), 0});
+  all.push_back(
+      {"pressure: lines, 160x109x36", pressure(paper, vtkOmni3DPressure::PARALLEL_LINES, nothing), 0});
   all.push_back({"pressure: lines, 128^3", pressure(cube, vtkOmni3DPressure::PARALLEL_LINES, nothing), 0});
   static vtkNew<FlowSeries> flowSeries;
-  all.push_back({"pressure: pseudo-tracking, 128^3", []() -> Algorithm {
+  all.push_back({"pressure: pseudo-tracking, 128^3",
+                 []() -> Algorithm {
                    auto f = vtkSmartPointer<vtkOmni3DPressure>::New();
                    f->SetInputConnection(flowSeries->GetOutputPort());
                    return f;
-                 }, 0.001});
+                 },
+                 0.001});
   const auto force = [](int resolution, int count) {
     return [=]() -> Algorithm {
       auto f = vtkSmartPointer<vtkSurfaceForce>::New();
@@ -356,7 +373,8 @@ std::vector<Case> cases() {
   all.push_back({"force: 128^3, finest surface", force(128, 1), 0});
   all.push_back({"force: 128^3, three bodies", force(32, 3), 0});
 
-  const auto locator = [=](vtkAlgorithm* input, bool everything, std::function<void(vtkInvisibleSphereLocator*)> set) {
+  const auto locator = [=](vtkAlgorithm* input, bool everything,
+                           std::function<void(vtkInvisibleSphereLocator*)> set) {
     return [=]() -> Algorithm {
       auto f = vtkSmartPointer<vtkInvisibleSphereLocator>::New();
       f->SetInputConnection(input->GetOutputPort());
@@ -368,14 +386,16 @@ std::vector<Case> cases() {
     };
   };
   all.push_back({"locator: first snapshot", locator(series, false, nothing), middle});
-  all.push_back({"locator: two spheres", locator(series, false, [](auto* f) { f->AddOtherDiameter(0.006); }), middle});
+  all.push_back(
+      {"locator: two spheres", locator(series, false, [](auto* f) { f->AddOtherDiameter(0.006); }), middle});
   all.push_back({"locator: 40 times, 100,000", locator(series, true, nothing), middle});
   all.push_back({"locator: 120 times, 24,000", locator(thin, true, nothing), middle});
   static vtkNew<vtkVICSharpResample> resample;
   static vtkNew<vtkQCriterion> vortices;
   resample->SetInputConnection(series->GetOutputPort());
   vortices->SetInputConnection(resample->GetOutputPort());
-  all.push_back({"locator: published cost", [=]() -> Algorithm {
+  all.push_back({"locator: published cost",
+                 [=]() -> Algorithm {
                    auto f = vtkSmartPointer<vtkInvisibleSphereLocator>::New();
                    vortices->UpdateTimeStep(middle);
                    f->SetInputConnection(0, series->GetOutputPort());
@@ -383,11 +403,13 @@ std::vector<Case> cases() {
                    f->SetDiameter(0.01111);
                    f->SetMethod(vtkInvisibleSphereLocator::PUBLISHED_COST);
                    return f;
-                 }, middle});
+                 },
+                 middle});
   static vtkNew<vtkInvisibleSphereLocator> seen;
   static std::vector<vtkSmartPointer<vtkPolyData>> walls;
   static vtkNew<vtkPolyData> centres;
-  all.push_back({"smoother: 120 snapshots with walls", []() -> Algorithm {
+  all.push_back({"smoother: 120 snapshots with walls",
+                 []() -> Algorithm {
                    if (walls.empty()) {
                      seen->SetInputConnection(thin->GetOutputPort());
                      seen->SetDiameter(0.01111);
@@ -398,15 +420,13 @@ std::vector<Case> cases() {
                        walls.back()->DeepCopy(seen->GetOutputDataObject(3));
                      }
                      centres->DeepCopy(seen->GetOutputDataObject(2));
-                     centres->GetPointData()->GetArray("Centre")->DeepCopy(
-                         centres->GetPointData()->GetArray("RawCentre"));
-                     centres->GetPointData()->GetArray("Centre")->SetName("Centre");
                    }
                    auto f = vtkSmartPointer<vtkTrajectorySmoother>::New();
                    f->SetInputData(0, centres);
                    for (vtkPolyData* wall : walls) f->AddInputDataObject(1, wall);
                    return f;
-                 }, 0});
+                 },
+                 0});
   return all;
 }
 
@@ -414,8 +434,9 @@ std::vector<Case> cases() {
 
 int main(int argc, char** argv) {
   const int trials = argc > 1 ? std::atoi(argv[1]) : 5;
-  std::puts("| case                               | whole s | thread: median, worst | progress: median, worst | "
-            "silence | events | longest silence after");
+  std::puts(
+      "| case                               | whole s | thread: median, worst | progress: median, worst | "
+      "silence | events | longest silence after");
   for (const Case& c : cases()) {
     bool wanted = argc < 3;
     for (int a = 2; a < argc; ++a) wanted = wanted || c.name.find(argv[a]) != std::string::npos;
