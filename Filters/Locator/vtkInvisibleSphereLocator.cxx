@@ -407,6 +407,7 @@ std::string vtkInvisibleSphereLocator::StepText(const std::string& step) const {
 void vtkInvisibleSphereLocator::ShiftProgress() {
   const Internals& state = *this->State;
   constexpr double Visits = 0.7;
+  this->SetProgressText(this->StepText("Locating the sphere").c_str());
   if (!state.looping) {
     this->SetProgressShiftScale(0, 1);
     return;

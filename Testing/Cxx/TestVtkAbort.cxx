@@ -96,6 +96,7 @@ void expectThatEveryStepStops(const std::function<Algorithm()>& make, double tim
       EXPECT_LE(watch.after, 2); // what the pipeline says at the end
       EXPECT_EQ(sizes(filter), std::vector<vtkIdType>(std::size_t(filter->GetNumberOfOutputPorts()), 0));
       EXPECT_FALSE(errors->GetError());
+      if (at.progress < ofStep[ofStep.size() / 2].progress) continue; // once per step is enough
       filter->SetAbortExecute(0);
       update(filter, time);
       EXPECT_EQ(sizes(filter), sizes(whole));
@@ -105,7 +106,7 @@ void expectThatEveryStepStops(const std::function<Algorithm()>& make, double tim
 
 vtkSmartPointer<vtkSyntheticTracks> tracks(int snapshots) {
   auto t = vtkSmartPointer<vtkSyntheticTracks>::New();
-  t->SetDensity(1e8);
+  t->SetDensity(6e7);
   t->SetNumberOfSnapshots(snapshots);
   t->SetPositionNoise(5e-6);
   return t;
@@ -113,8 +114,8 @@ vtkSmartPointer<vtkSyntheticTracks> tracks(int snapshots) {
 
 rimflow::AnalyticFlow taylorGreen() {
   rimflow::AnalyticFlow flow;
-  flow.type = rimflow::FlowType::TaylorGreen;
-  flow.diameter = 0;
+  flow.kind = rimflow::FlowKind::TaylorGreen;
+  flow.body.diameter = 0;
   return flow;
 }
 
@@ -151,9 +152,9 @@ TEST(VtkAbort, TrackReader) {
       return r;
     };
   };
-  expectThatEveryStepStops(reader([](vtkSTBTrackReader* r) { r->SetTrackStatistics(true); }), 44,
-                           {"Reading tracks: index", "Reading tracks: statistics", "Reading tracks",
-                            "Reading tracks: noise"});
+  expectThatEveryStepStops(
+      reader([](vtkSTBTrackReader* r) { r->SetTrackStatistics(true); }), 44,
+      {"Reading tracks: index", "Reading tracks: statistics", "Reading tracks", "Reading tracks: noise"});
   expectThatEveryStepStops(
       reader([](vtkSTBTrackReader* r) { r->SetOutputMode(vtkSTBTrackReader::PATHLINES); }), 44,
       {"Reading tracks: pathlines"});
@@ -170,7 +171,7 @@ TEST(VtkAbort, Resampling) {
       auto f = vtkSmartPointer<vtkVICSharpResample>::New();
       f->SetInputConnection(source->GetOutputPort());
       f->SetInputData(1, body());
-      f->SetSpacing(2e-3);
+      f->SetSpacing(3e-3);
       f->SetWarmStart(warm);
       return f;
     };
@@ -191,7 +192,7 @@ TEST(VtkAbort, QCriterion) {
 }
 
 TEST(VtkAbort, Locator) {
-  const auto source = tracks(8);
+  const auto source = tracks(5);
   const auto make = [&](bool everything) {
     return [&source, everything]() -> Algorithm {
       auto f = vtkSmartPointer<vtkInvisibleSphereLocator>::New();
@@ -202,30 +203,30 @@ TEST(VtkAbort, Locator) {
   };
   expectThatEveryStepStops(make(false), 0.004, {"Locating the sphere"});
   expectThatEveryStepStops(make(true), 0.004,
-                           {"Locating the sphere: time 1 of 8", "Locating the sphere: time 8 of 8",
+                           {"Locating the sphere: time 1 of 5", "Locating the sphere: time 5 of 5",
                             "Joint estimate of all times"});
 }
 
 // The other way to be stopped: from the outside, between two events.
 TEST(VtkAbort, LocatorGoesOnWhereItWasStopped) {
-  const auto source = tracks(8);
+  const auto source = tracks(5);
   vtkNew<vtkInvisibleSphereLocator> locator;
   locator->SetInputConnection(source->GetOutputPort());
   locator->SetProcessAllTimes(true);
-  update(locator, 0.004, {0, "Locating the sphere: time 5 of 8"});
+  update(locator, 0.004, {0, "Locating the sphere: time 3 of 5"});
   locator->SetAbortExecute(0);
   const Watch rest = update(locator, 0.004);
-  for (const Watch::Event& e : rest.events) EXPECT_EQ(e.step.find("of 8"), std::string::npos) << e.step;
-  EXPECT_EQ(vtkDataSet::SafeDownCast(locator->GetOutputDataObject(2))->GetNumberOfPoints(), 8);
+  for (const Watch::Event& e : rest.events) EXPECT_EQ(e.step.find("of 5"), std::string::npos) << e.step;
+  EXPECT_EQ(vtkDataSet::SafeDownCast(locator->GetOutputDataObject(2))->GetNumberOfPoints(), 5);
 }
 
 TEST(VtkAbort, Smoother) {
-  const auto source = tracks(8);
+  const auto source = tracks(5);
   vtkNew<vtkInvisibleSphereLocator> locator;
   locator->SetInputConnection(source->GetOutputPort());
   locator->SetJointTrajectory(false);
   std::vector<vtkSmartPointer<vtkPolyData>> walls;
-  for (int k = 0; k < 8; ++k) {
+  for (int k = 0; k < 5; ++k) {
     locator->UpdateTimeStep(0.001 * k);
     walls.push_back(vtkSmartPointer<vtkPolyData>::New());
     walls.back()->DeepCopy(locator->GetOutputDataObject(3));
