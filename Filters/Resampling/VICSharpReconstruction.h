@@ -80,7 +80,7 @@ public:
     }
     if (result.status == LBFGSStatus::NoProgress) { // the model stands where a trial failed
       std::vector<float> gradient(x_.size());
-      cost(x_, gradient);
+      model_->cost(x_, gradient);
     }
     return result;
   }
