@@ -280,10 +280,10 @@ int vtkOmni3DPressure::RequestData(vtkInformation*, vtkInformationVector** input
     Snapshot s = snapshotOf(this);
     if (s.grid.size() == 0) return 1;
     if (!this->State->complete(this, s)) return 1; // aborted: the output stays empty
-    if (!rimflow::progressOf(this, "Pressure: its gradient")(0.2)) return 1;
-    std::vector<float> gradient =
-        rimflow::pressureGradient(s.grid, this->Viscosity > 0 ? s.velocities() : nullptr,
-                                  s.acceleration->GetPointer(0), s.masked(), this->Density, this->Viscosity);
+    std::vector<float> gradient = rimflow::pressureGradient(
+        s.grid, this->Viscosity > 0 ? s.velocities() : nullptr, s.acceleration->GetPointer(0), s.masked(),
+        this->Density, this->Viscosity, rimflow::progressOf(this, "Pressure: its gradient", 0.2, 0.25));
+    if (gradient.empty()) return 1;
     refuseWhatIsNoNumber("pressure gradient", gradient.data(), s);
 
     rimflow::PressureProblem problem{s.grid, gradient.data(), s.masked()};
