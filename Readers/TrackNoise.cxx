@@ -418,12 +418,13 @@ Rows rowsOrSnapshot(const TrackWindow& window, std::size_t first, std::size_t la
 }
 
 TrackNoise measure(const TrackWindow& window, const TrackDerivativeOptions* derivatives,
-                   const DerivativeGain& gain) {
+                   const DerivativeGain& gain, const Progress& progress) {
   if (window.snapshots.size() != window.times.size() || window.current >= window.times.size())
     throw std::invalid_argument("A window of snapshots needs a time for each and one that is current");
   const auto [first, last] = nearestSnapshots(window);
   const Rows rows = rowsOrSnapshot(window, first, last);
   TrackNoise noise;
+  if (!goOn(progress, 0.3)) return noise;
   double* levels[3] = {&noise.position, &noise.velocity, &noise.acceleration};
 
   std::vector<Array> available;
@@ -438,12 +439,14 @@ TrackNoise measure(const TrackWindow& window, const TrackDerivativeOptions* deri
     for (Array a : available) groups.push_back({a});
   }
   for (const std::vector<Array>& group : groups) {
+    if (!goOn(progress, 0.4)) return noise;
     const Population p = populate(window, rows, first, group);
     if (p.tracks.empty()) continue;
     const std::vector<std::size_t> samples = sample(p.tracks.size());
     SpatialResiduals e;
     if (p.tracks.size() >= fewestForSpace) e = spatialResiduals(p, group, samples);
     for (std::size_t f = 0; f < group.size(); ++f) {
+      if (!goOn(progress, 0.8)) return noise;
       const Level level = levelOf(p, group[f], f, e, samples);
       *levels[std::find(arrays, arrays + 3, group[f]) - arrays] = std::sqrt(level.variance);
       if (!derivatives) continue;
@@ -461,11 +464,13 @@ TrackNoise measure(const TrackWindow& window, const TrackDerivativeOptions* deri
 
 } // namespace
 
-TrackNoise measureTrackNoise(const TrackWindow& window) { return measure(window, nullptr, {}); }
+TrackNoise measureTrackNoise(const TrackWindow& window, const Progress& progress) {
+  return measure(window, nullptr, {}, progress);
+}
 
 TrackNoise measureTrackNoise(const TrackWindow& window, const TrackDerivativeOptions& derivatives,
-                             const DerivativeGain& gain) {
-  return measure(window, &derivatives, gain);
+                             const DerivativeGain& gain, const Progress& progress) {
+  return measure(window, &derivatives, gain, progress);
 }
 
 } // namespace rimflow

@@ -1,4 +1,5 @@
 #pragma once
+#include "Progress.h"
 #include "TrackDerivatives.h"
 
 #include <limits>
@@ -42,12 +43,13 @@ inline constexpr std::size_t noiseSnapshots = 9;
 /// NaN: positions without tracks of three snapshots, or an array that some snapshots do not have. Particles
 /// with a value that is not finite are left out. Independent of the number of threads. Throws
 /// std::invalid_argument when the window is not as TrackWindow says.
-TrackNoise measureTrackNoise(const TrackWindow& window);
+/// When progress aborts, the result does not count.
+TrackNoise measureTrackNoise(const TrackWindow& window, const Progress& progress = {});
 
 /// The same where velocity and acceleration come from estimateDerivatives with these options, which returned
 /// this gain; what the snapshots have is not looked at. White noise of the positions is multiplied by the
 /// gain. Other noise: the estimate's weights are applied to what differs from the neighbours.
 TrackNoise measureTrackNoise(const TrackWindow& window, const TrackDerivativeOptions& derivatives,
-                             const DerivativeGain& gain);
+                             const DerivativeGain& gain, const Progress& progress = {});
 
 } // namespace rimflow

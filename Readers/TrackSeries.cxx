@@ -179,12 +179,12 @@ TrackSeries::Snapshot TrackSeries::particlesIfSound(std::size_t snapshot, const 
   }
 }
 
-std::vector<std::int64_t> TrackSeries::idsOf(std::size_t snapshot) {
+std::vector<std::int64_t> TrackSeries::idsOf(std::size_t snapshot, const Progress& progress) {
   if (auto found = cache.find(keyAsInFile(line.entries[snapshot]))) return found->trackId;
   TrackSnapshot ids;
   std::vector<std::string> toldWhenRead;
   try {
-    if (!tracks->read(line.entries[snapshot], settings.units, ids, toldWhenRead, {},
+    if (!tracks->read(line.entries[snapshot], settings.units, ids, toldWhenRead, progress,
                       TrackFile::Content::TrackIds))
       throw TrackReadAborted();
   } catch (const TrackIndexOutdated&) {
@@ -199,8 +199,9 @@ const TrackStatistics& TrackSeries::statistics(const Progress& progress) {
   if (spans) return *spans;
   TrackStatistics found;
   for (std::size_t s = 0; s < times().size(); ++s) {
-    if (!goOn(progress, double(s) / double(times().size()))) throw TrackReadAborted();
-    found.add(std::int32_t(s), idsOf(s));
+    const double begin = double(s) / double(times().size());
+    if (!goOn(progress, begin)) throw TrackReadAborted();
+    found.add(std::int32_t(s), idsOf(s, part(progress, begin, begin + 1 / double(times().size()))));
   }
   spans = std::move(found);
   return *spans;
@@ -242,7 +243,7 @@ std::optional<Pathlines> TrackSeries::pathlines(std::size_t from, std::size_t to
     if (!goOn(progress, begin)) throw TrackReadAborted();
     const bool hold = bytes <= settings.cacheBytes && held.size() == s - from;
     if (!hold && idsAlone) {
-      builder.addIds(idsOf(s), times()[s]);
+      builder.addIds(idsOf(s, part(progress, begin, begin + step)), times()[s]);
       continue;
     }
     const Snapshot there = particlesIfSound(s, part(progress, begin, begin + step));
@@ -252,6 +253,7 @@ std::optional<Pathlines> TrackSeries::pathlines(std::size_t from, std::size_t to
   }
   for (std::size_t s = from; s <= to; ++s) {
     const double begin = 0.5 + step * double(s - from);
+    if (!goOn(progress, begin)) throw TrackReadAborted();
     const Snapshot there =
         s - from < held.size() ? held[s - from] : particlesIfSound(s, part(progress, begin, begin + step));
     if (!builder.addParticles(*there)) return std::nullopt;
@@ -278,14 +280,20 @@ TrackNoise TrackSeries::noise(const Progress& progress) {
 }
 
 TrackNoise TrackSeries::noiseAround(std::size_t middle, const Progress& progress) {
-  const TrackWindow window = around(middle, noiseSnapshots / 2, progress);
-  if (!estimated(middle)) return measureTrackNoise(window);
+  const TrackWindow window = around(middle, noiseSnapshots / 2, part(progress, 0, 0.5));
+  const auto watched = [&](double fraction) {
+    if (!goOn(progress, 0.5 + 0.5 * fraction)) throw TrackReadAborted();
+    return true;
+  };
+  watched(0);
+  if (!estimated(middle)) return measureTrackNoise(window, watched);
   const TrackSnapshot& given = *window.snapshots[window.current];
   TrackSnapshot positions = given;
   const DerivativeGain gain = estimateDerivatives(window, settings.polynomial, positions);
+  watched(0.3);
   if (given.velocity.empty() || settings.estimate == Estimate::Always)
-    return measureTrackNoise(window, settings.polynomial, gain);
-  TrackNoise noise = measureTrackNoise(window);
+    return measureTrackNoise(window, settings.polynomial, gain, watched);
+  TrackNoise noise = measureTrackNoise(window, watched);
   noise.acceleration = noise.velocity * gain.velocity; // as a first derivative of the velocities
   return noise;
 }

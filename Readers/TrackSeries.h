@@ -81,7 +81,7 @@ private:
   bool estimated(std::size_t snapshot) const;
   Snapshot asInFile(std::size_t snapshot, const Progress& progress);
   Snapshot particlesIfSound(std::size_t snapshot, const Progress& progress);
-  std::vector<std::int64_t> idsOf(std::size_t snapshot);
+  std::vector<std::int64_t> idsOf(std::size_t snapshot, const Progress& progress);
   std::optional<Pathlines> pathlines(std::size_t from, std::size_t to, const TrackSelection& selection,
                                      bool idsAlone, const Progress& progress);
   TrackNoise noiseAround(std::size_t middle, const Progress& progress);

@@ -2,7 +2,7 @@
 
 #include "TrackFormat.h"
 #include "TrackSeries.h"
-#include "vtkFilterInput.h"
+#include "vtkFilterProgress.h"
 
 #include "vtkCellArray.h"
 #include "vtkCellData.h"
@@ -108,24 +108,16 @@ struct vtkSTBTrackReader::Series {
   rimflow::TrackSeries series;
   vtkNew<vtkPolyData> wholePathlines; // the same at all times
   vtkMTimeType wholeMTime = 0;
-  double shown = 0; // progress
 
   explicit Series(vtkSTBTrackReader* reader) : self(reader) {}
 
-  rimflow::Progress progress(double from, double to) {
-    return [this, from, to](double fraction) {
-      const double now = from + fraction * (to - from);
-      if (std::abs(now - shown) >= 0.01) self->UpdateProgress(shown = now); // observers cost time
-      return !rimflow::aborted(self);
-    };
-  }
   void tell() {
     for (const std::string& w : series.takeWarnings()) vtkWarningWithObjectMacro(self, << w);
   }
 
   void open(bool trustRowCounts = true) {
     wholeMTime = 0;
-    series.open(self->FileNames, progress(0, 1), trustRowCounts);
+    series.open(self->FileNames, rimflow::progressOf(self, "Reading tracks: index"), trustRowCounts);
   }
   void use() {
     rimflow::TrackSeries::Settings s;
@@ -149,13 +141,15 @@ struct vtkSTBTrackReader::Series {
           series.fileOf(snapshot) +
           ": there is no column trackID, so Pathlines, TrackIdRange, MinimumTrackLength and TrackStatistics "
           "cannot be had. Set them back, or export the track IDs too.");
-    if (s.minimumLength > 1 || self->TrackStatistics) s.tracks = &series.statistics(progress(0.1, 0.8));
+    if (s.minimumLength > 1 || self->TrackStatistics)
+      s.tracks = &series.statistics(rimflow::progressOf(self, "Reading tracks: statistics", 0, 0.6));
     return s;
   }
 
   void particles(std::size_t snapshot, vtkPolyData* output) {
     const rimflow::TrackSelection chosen = selection(snapshot);
-    rimflow::TrackSeries::Snapshot shown = series.particles(snapshot, progress(0.8, 1));
+    rimflow::TrackSeries::Snapshot shown =
+        series.particles(snapshot, rimflow::progressOf(self, "Reading tracks", 0.6, 0.7));
     if (!chosen.keepsAll() || self->TrackStatistics) {
       auto copy = std::make_shared<rimflow::TrackSnapshot>(
           rimflow::takeRows(*shown, rimflow::selectedRows(*shown, chosen)));
@@ -167,7 +161,8 @@ struct vtkSTBTrackReader::Series {
   }
 
   void pathlines(std::size_t from, std::size_t to, vtkPolyData* output) {
-    rimflow::Pathlines lines = series.pathlines(from, to, selection(to), progress(0.8, 1));
+    rimflow::Pathlines lines = series.pathlines(
+        from, to, selection(to), rimflow::progressOf(self, "Reading tracks: pathlines", 0.2, 0.7));
     if (!lines.dropped.empty()) {
       std::string names;
       for (const std::string& name : lines.dropped) names += (names.empty() ? "" : ", ") + name;
@@ -195,7 +190,8 @@ struct vtkSTBTrackReader::Series {
     for (const std::string& u : {columns.lengthUnit, columns.velocityUnit, columns.accelerationUnit})
       units->InsertNextValue(rimflow::toUtf8(u));
     data->AddArray(units);
-    const rimflow::TrackNoise noise = series.noise(progress(0, 0.1));
+    const rimflow::TrackNoise noise =
+        series.noise(rimflow::progressOf(self, "Reading tracks: noise", 0.7, 1));
     for (const auto& [name, value] :
          {std::pair("PositionNoise", noise.position), std::pair("VelocityNoise", noise.velocity),
           std::pair("AccelerationNoise", noise.acceleration)})
@@ -207,7 +203,8 @@ struct vtkSTBTrackReader::Series {
     if (self->OutputMode == PARTICLES)
       particles(snapshot, output);
     else if (trail > 0) {
-      series.particles(snapshot, progress(0, 0.1)); // an error, if the current one is damaged
+      series.particles(snapshot, rimflow::progressOf(self, "Reading tracks", 0,
+                                                     0.2)); // an error, if the current one is damaged
       pathlines(std::max(series.first() + trail, snapshot + 1) - trail, snapshot, output);
     } else {
       if (wholeMTime != self->GetMTime()) {

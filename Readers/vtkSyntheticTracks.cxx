@@ -1,6 +1,7 @@
 #include "vtkSyntheticTracks.h"
 
 #include "TrackSynthesis.h"
+#include "vtkFilterProgress.h"
 
 #include "vtkCellArray.h"
 #include "vtkDoubleArray.h"
@@ -16,7 +17,6 @@
 #include "vtkPolyData.h"
 #include "vtkSmartPointer.h"
 #include "vtkStreamingDemandDrivenPipeline.h"
-#include "vtkVersion.h"
 
 #include <algorithm>
 #include <cmath>
@@ -49,15 +49,6 @@ vtkSmartPointer<ArrayType> makeArray(const char* name, int components, const std
 void addField(vtkPolyData* output, const char* name, const Eigen::Vector3d& v) {
   output->GetFieldData()->AddArray(
       makeArray<vtkDoubleArray>(name, 3, std::vector<double>(v.data(), v.data() + 3)));
-}
-
-bool stopped(vtkAlgorithm* self) {
-// in VTK 9.3 and in the VTK of ParaView 5.11
-#if VTK_VERSION_NUMBER >= VTK_VERSION_CHECK(9, 2, 20220000)
-  return self->CheckAbort();
-#else
-  return self->GetAbortExecute() != 0;
-#endif
 }
 
 } // namespace
@@ -97,11 +88,7 @@ bool vtkSyntheticTracks::Prepare() {
   o.wakeLength = this->WakeLength;
   o.seed = static_cast<std::uint64_t>(this->Seed);
   auto tracks = std::make_unique<Tracks>();
-  const auto progress = [this](double fraction) {
-    this->UpdateProgress(0.9 * fraction);
-    return !stopped(this);
-  };
-  if (!tracks->synthesis.prepare(o, progress)) return false;
+  if (!tracks->synthesis.prepare(o, rimflow::progressOf(this, "Synthetic tracks", 0, 0.9))) return false;
   tracks->when.Modified();
   this->Prepared = std::move(tracks);
   return true;

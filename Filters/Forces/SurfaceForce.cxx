@@ -95,7 +95,7 @@ struct Forces {
 
 class Surface {
 public:
-  Surface(const ForceFields& fields, const Body& body, const ForceOptions& options)
+  Surface(const ForceFields& fields, const Body& body, const ForceOptions& options, const Progress& progress)
       : fields_(fields), options_(options), sphere_(options.surfaceResolution) {
     const FluidNodes fluid(fields, body);
     const double h = fluid.spacing(), R = 0.5 * body.diameter;
@@ -104,7 +104,11 @@ public:
     wallLayer_ = std::clamp(layer, 0.25 * h, 0.3 * R);
     shell_ = controlShell(fluid, options.controlVolumeRadius);
     wholeBodyInside_ = distanceFromFaces(fields.grid, body.centre) > R;
-    for (const Vec& n : sphere_.points) seen_.push_back(sees(fluid, body.centre + R * n));
+    const double points = double(sphere_.points.size());
+    for (const Vec& n : sphere_.points) {
+      if (seen_.size() % 256 == 0 && !goOn(progress, double(seen_.size()) / points)) return;
+      seen_.push_back(sees(fluid, body.centre + R * n));
+    }
     for (const Vec& n : GeodesicSphere(5).points)
       if (sees(fluid, body.centre + R * n)) slopeDirections_.push_back(n);
   }
@@ -114,21 +118,30 @@ public:
   const ControlShell& shell() const { return shell_; }
   bool wholeBodyInside() const { return wholeBodyInside_; }
 
-  Forces forces(const Body& body) const {
+  /// No pressure: aborted.
+  Forces forces(const Body& body, const Progress& progress) const {
     const FluidNodes fluid(fields_, body);
     const double mu = options_.density * options_.viscosity, R = 0.5 * body.diameter;
     Forces f;
+    if (!goOn(progress, 0)) return {};
     const WallShear shear = mu > 0 ? WallShear(fluid, wallLayer_) : WallShear();
     // at the wall rho A = -grad p + mu lap u, and n . lap u = -div(d u/d n) for a fluid that sticks
+    if (!goOn(progress, 0.2)) return {};
     std::vector<double> slope;
     if (mu > 0)
       for (const Vec& n : slopeDirections_)
         slope.push_back(-mu * shear.divergence(n) / R -
                         options_.density * n.dot(body.accelerationAt(body.centre + R * n)));
-    f.pressure = wallPressure(fluid, wallLayer_, slopeDirections_, slope, sphere_.points);
+    f.pressure =
+        wallPressure(fluid, wallLayer_, slopeDirections_, slope, sphere_.points, part(progress, 0.2, 0.7));
+    if (f.pressure.empty()) return {};
     carryOver(f.pressure);
-    for (const Vec& n : sphere_.points) f.shear.push_back(mu * shear.at(n));
+    for (const Vec& n : sphere_.points) {
+      if (f.shear.size() % 256 == 0 && !goOn(progress, 0.7)) return {};
+      f.shear.push_back(mu * shear.at(n));
+    }
     carryOver(f.shear);
+    if (!goOn(progress, 0.8)) return {};
     for (std::size_t i = 0; i < sphere_.points.size(); ++i) {
       f.pressureForce -= f.pressure[i] * R * R * sphere_.area[i] * sphere_.points[i];
       f.friction += R * R * sphere_.area[i] * f.shear[i];
@@ -217,9 +230,10 @@ void addNote(std::string& note, const std::string& more) { note += (note.empty()
 
 std::string percent(double share) { return std::to_string(int(std::lround(100 * share))) + " %"; }
 
-/// The forces on the body, and on it moved by one standard deviation along each axis of its covariance.
-std::vector<Forces> forcesAround(const Surface& surface, const Body& body,
-                                 const Eigen::Matrix3d& covariance) {
+/// The forces on the body, and on it moved by one standard deviation along each axis of its covariance. None:
+/// aborted.
+std::vector<Forces> forcesAround(const Surface& surface, const Body& body, const Eigen::Matrix3d& covariance,
+                                 const Progress& progress) {
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(covariance);
   std::vector<Body> bodies = {body};
   for (int a = 0; a < 3; ++a) {
@@ -229,8 +243,10 @@ std::vector<Forces> forcesAround(const Surface& surface, const Body& body,
     bodies.back().centre += sigma * axes.eigenvectors().col(a);
   }
   std::vector<Forces> all(bodies.size());
-#pragma omp parallel for schedule(dynamic)
-  for (std::size_t b = 0; b < bodies.size(); ++b) all[b] = surface.forces(bodies[b]);
+  const bool done = forEachPiece(bodies.size(), progress, [&](std::size_t b, const Progress& watch) {
+    all[b] = surface.forces(bodies[b], watch);
+  });
+  if (!done) all.clear();
   return all;
 }
 
@@ -252,8 +268,9 @@ struct Uncertainty {
 };
 
 /// Points, pressure, traction and torque. Returns the variance of the pressure force by the pressure's error.
-Vec fillSurface(const FluidNodes& fluid, const GeodesicSphere& sphere, const Forces& forces,
-                ForceResult& out) {
+/// When aborted, there are no points.
+Vec fillSurface(const FluidNodes& fluid, const GeodesicSphere& sphere, const Forces& forces, ForceResult& out,
+                const Progress& progress) {
   const Body& body = fluid.body();
   const double R = 0.5 * body.diameter;
   out.pressure = forces.pressure;
@@ -263,6 +280,10 @@ Vec fillSurface(const FluidNodes& fluid, const GeodesicSphere& sphere, const For
   Vec variance = Vec::Zero();
   constexpr double Patches = 36; // of independent error: as many as the wall pressure has harmonics
   for (std::size_t i = 0; i < sphere.points.size(); ++i) {
+    if (i % 256 == 0 && !goOn(progress, double(i) / double(sphere.points.size()))) {
+      out.points.clear();
+      return variance;
+    }
     const Vec n = sphere.points[i];
     const double area = R * R * sphere.area[i];
     out.points.push_back(body.centre + R * n);
@@ -323,13 +344,15 @@ void setDragAndLift(const Body& body, double density, const Uncertainty& uncerta
 
 } // namespace
 
-ForceResult surfaceForce(const ForceFields& fields, const Body& body, const ForceOptions& options) {
+ForceResult surfaceForce(const ForceFields& fields, const Body& body, const ForceOptions& options,
+                         const Progress& progress) {
   check(fields, body, options);
   require(distanceFromFaces(fields.grid, body.centre) > -0.5 * body.diameter,
           "the body lies outside the grid");
-  const Surface surface(fields, body, options);
+  const Surface surface(fields, body, options, part(progress, 0, 0.1));
   const GeodesicSphere& sphere = surface.sphere();
   ForceResult out;
+  if (surface.seen().size() < sphere.points.size()) return out; // aborted
   out.seen = surface.seen();
   for (std::size_t i = 0; i < sphere.points.size(); ++i)
     if (out.seen[i]) out.coverage += sphere.area[i] / (4 * M_PI);
@@ -338,10 +361,14 @@ ForceResult surfaceForce(const ForceFields& fields, const Body& body, const Forc
   if (out.coverage < 1)
     addNote(out.note, "only " + percent(out.coverage) + " of the surface is seen, the rest is carried over");
 
-  const std::vector<Forces> all = forcesAround(surface, body, options.centreCovariance);
+  const std::vector<Forces> all =
+      forcesAround(surface, body, options.centreCovariance, part(progress, 0.1, 0.8));
+  if (all.empty()) return {};
   const Forces& forces = all[0];
   Uncertainty uncertainty(all);
-  const Vec pressureVariance = fillSurface(FluidNodes(fields, body), sphere, forces, out);
+  const Vec pressureVariance =
+      fillSurface(FluidNodes(fields, body), sphere, forces, out, part(progress, 0.8, 1));
+  if (out.points.empty()) return {};
   uncertainty.pressure.addComponents(pressureVariance.cwiseSqrt());
   uncertainty.both.addComponents(pressureVariance.cwiseSqrt());
   out.pressureForce = {forces.pressureForce, uncertainty.pressure.sigma(), true};

@@ -1,6 +1,7 @@
 #pragma once
 #include "Body.h"
 #include "ForceFields.h"
+#include "Progress.h"
 
 #include <Eigen/Core>
 #include <array>
@@ -55,7 +56,9 @@ struct ForceResult {
 };
 
 /// Pressure, friction and momentum balance around a sphere. Throws std::invalid_argument when the body lies
-/// outside the grid, no fluid node is near it, or an option is out of range.
-ForceResult surfaceForce(const ForceFields& fields, const Body& body, const ForceOptions& options);
+/// outside the grid, no fluid node is near it, or an option is out of range. When progress aborts, the result
+/// has no points.
+ForceResult surfaceForce(const ForceFields& fields, const Body& body, const ForceOptions& options,
+                         const Progress& progress = {});
 
 } // namespace rimflow

@@ -48,14 +48,17 @@ struct Profile {
 std::vector<double> wallPressure(const FluidNodes& fluid, double wallLayer,
                                  const std::vector<Eigen::Vector3d>& slopeDirections,
                                  const std::vector<double>& slope,
-                                 const std::vector<Eigen::Vector3d>& directions) {
+                                 const std::vector<Eigen::Vector3d>& directions, const Progress& progress) {
+  constexpr std::size_t Piece = 256; // nodes or directions between two questions whether to go on
   const double gradientWeight = 0.3, slopeWeight = 5;
   const double h = fluid.spacing(), R = 0.5 * fluid.body().diameter;
   const std::vector<WallNode> nodes = wallNodes(fluid, 0, 3 * h);
   double mean = 0;
   for (const WallNode& w : nodes) mean += fluid.pressure(w.node) / double(nodes.size());
   RidgeFit fit(Profiles * Harmonics);
-  for (const WallNode& w : nodes) {
+  for (std::size_t k = 0; k < nodes.size(); ++k) {
+    const WallNode& w = nodes[k];
+    if (k % Piece == 0 && !goOn(progress, 0.7 * double(k) / double(nodes.size()))) return {};
     const ScalarHarmonics y(w.normal);
     const Profile f(w.distance / h, wallLayer / h);
     auto row = fit.add(fluid.pressure(w.node) - mean);
@@ -83,8 +86,10 @@ std::vector<double> wallPressure(const FluidNodes& fluid, double wallLayer,
       strength[i * Harmonics + c] = 1e-6 * (1 + i) * (c == 0 ? 1 : std::pow(1.0 + degree[2 * (c - 1)], 2));
   const Eigen::VectorXd coefficients = fit.solve(strength);
   std::vector<double> pressure;
-  for (const Eigen::Vector3d& n : directions)
-    pressure.push_back(mean + ScalarHarmonics(n).value.dot(coefficients.head<Harmonics>()));
+  for (std::size_t k = 0; k < directions.size(); ++k) {
+    if (k % Piece == 0 && !goOn(progress, 0.7 + 0.3 * double(k) / double(directions.size()))) return {};
+    pressure.push_back(mean + ScalarHarmonics(directions[k]).value.dot(coefficients.head<Harmonics>()));
+  }
   return pressure;
 }
 

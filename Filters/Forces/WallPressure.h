@@ -1,5 +1,6 @@
 #pragma once
 #include "FluidNodes.h"
+#include "Progress.h"
 #include "WallFriction.h"
 
 #include <functional>
@@ -14,6 +15,7 @@ namespace rimflow {
 std::vector<double> wallPressure(const FluidNodes& fluid, double wallLayer,
                                  const std::vector<Eigen::Vector3d>& slopeDirections,
                                  const std::vector<double>& slope,
-                                 const std::vector<Eigen::Vector3d>& directions);
+                                 const std::vector<Eigen::Vector3d>& directions,
+                                 const Progress& progress = {});
 
 } // namespace rimflow

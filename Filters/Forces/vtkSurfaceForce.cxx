@@ -4,8 +4,9 @@
 #include "SurfaceForce.h"
 #include "vtkBodyFromPolyData.h"
 #include "vtkFieldOutput.h"
-#include "vtkFilterInput.h"
+#include "vtkFilterProgress.h"
 #include "vtkGridFromImage.h"
+#include "vtkResultCache.h"
 
 #include "vtkCellArray.h"
 #include "vtkInformation.h"
@@ -188,7 +189,13 @@ void fillSurface(const std::vector<ForceResult>& results, vtkPolyData* surface) 
 
 } // namespace
 
-vtkSurfaceForce::vtkSurfaceForce() {
+struct vtkSurfaceForce::Internals {
+  rimflow::ResultCache results;
+};
+
+vtkSurfaceForce::~vtkSurfaceForce() = default;
+
+vtkSurfaceForce::vtkSurfaceForce() : State(new Internals) {
   this->SetNumberOfInputPorts(2);
   this->SetNumberOfOutputPorts(2);
   int index = 0;
@@ -238,6 +245,7 @@ int vtkSurfaceForce::RequestData(vtkInformation*, vtkInformationVector** inputs,
   try {
     if (!(this->Density > 0)) throw std::invalid_argument("the Density must be greater than 0 kg/m3");
     if (image->GetNumberOfPoints() == 0) return 1;
+    if (this->State->results.restore(this, inputs, outputs)) return 1;
     Fields fields = fieldsOf(this, image);
     this->WarnOfOtherFluid(image, "Density", this->Density);
     this->WarnOfOtherFluid(image, "Viscosity", this->Viscosity);
@@ -256,8 +264,9 @@ int vtkSurfaceForce::RequestData(vtkInformation*, vtkInformationVector** inputs,
     vtkDataArray* ids = rimflow::bodyArray(bodyData, "SphereId", 1);
     const vtkIdType bodies = rimflow::numberOfBodies(bodyData);
     for (vtkIdType which = 0; which < bodies; ++which) {
-      if (rimflow::aborted(this)) return 1; // the outputs stay empty
-      this->UpdateProgress(double(which) / double(bodies));
+      const rimflow::Progress progress = rimflow::progressOf(
+          this, "Surface force", double(which) / double(bodies), double(which + 1) / double(bodies));
+      if (!progress(0)) return 1; // aborted: the outputs stay empty
       const double id = ids && which < ids->GetNumberOfTuples() ? ids->GetTuple1(which) : double(which);
       const auto body = rimflow::bodyOf(bodyData, which);
       if (!body) {
@@ -267,7 +276,8 @@ int vtkSurfaceForce::RequestData(vtkInformation*, vtkInformationVector** inputs,
       options.centreCovariance = rimflow::centreCovarianceOf(bodyData, which);
       options.accelerationCovariance = rimflow::accelerationCovarianceOf(bodyData, which);
       try {
-        results.push_back(rimflow::surfaceForce(fields.view(), *body, options));
+        results.push_back(rimflow::surfaceForce(fields.view(), *body, options, progress));
+        if (results.back().points.empty()) return 1;
         rows.push_back(rowOf(time, id, results.back(), dynamicForce(*body, this->Density)));
       } catch (const std::invalid_argument& error) { // a body that leaves the image does not end a series
         vtkWarningMacro("No force on the body at " << time << " s: " << error.what() << ".");
@@ -286,7 +296,13 @@ int vtkSurfaceForce::RequestData(vtkInformation*, vtkInformationVector** inputs,
   if (hasTime)
     for (vtkDataObject* output : std::initializer_list<vtkDataObject*>{surface, table})
       output->GetInformation()->Set(vtkDataObject::DATA_TIME_STEP(), time);
+  this->State->results.keep(this, inputs, outputs);
   return 1;
+}
+
+void vtkSurfaceForce::SetCacheSize(int mebibytes) {
+  this->CacheSize = std::max(0, mebibytes);
+  this->State->results.setLimit(this->CacheSize);
 }
 
 void vtkSurfaceForce::PrintSelf(ostream& os, vtkIndent indent) {
@@ -297,5 +313,6 @@ void vtkSurfaceForce::PrintSelf(ostream& os, vtkIndent indent) {
      << indent << "Gravity: " << this->Gravity[0] << " " << this->Gravity[1] << " " << this->Gravity[2]
      << "\n"
      << indent << "SurfaceResolution: " << this->SurfaceResolution << "\n"
-     << indent << "ControlVolumeRadius: " << this->ControlVolumeRadius << "\n";
+     << indent << "ControlVolumeRadius: " << this->ControlVolumeRadius << "\n"
+     << indent << "CacheSize: " << this->CacheSize << "\n";
 }

@@ -33,6 +33,8 @@
 #include "vtkPolyDataAlgorithm.h"
 #include "vtkRIMFlowFiltersModule.h"
 
+#include <memory>
+
 class VTKRIMFLOWFILTERS_EXPORT vtkSurfaceForce : public vtkPolyDataAlgorithm {
 public:
   static vtkSurfaceForce* New();
@@ -77,9 +79,17 @@ public:
   vtkGetMacro(ControlVolumeRadius, double);
   ///@}
 
+  ///@{
+  /// Memory for the results of times visited before, MiB, >= 0: going back to one of them is then instant.
+  /// What was not used for longest goes first; 0: nothing is kept. Default 256. A result is shown again only
+  /// where the settings and all that the inputs hold are the same. Setting it changes no result.
+  void SetCacheSize(int mebibytes);
+  vtkGetMacro(CacheSize, int);
+  ///@}
+
 protected:
   vtkSurfaceForce();
-  ~vtkSurfaceForce() override = default;
+  ~vtkSurfaceForce() override;
 
   int FillInputPortInformation(int port, vtkInformation* info) override;
   int FillOutputPortInformation(int port, vtkInformation* info) override;
@@ -92,12 +102,16 @@ protected:
   double Gravity[3] = {0, -9.81, 0};
   int SurfaceResolution = 16;
   double ControlVolumeRadius = 0;
+  int CacheSize = 256;
 
 private:
   vtkSurfaceForce(const vtkSurfaceForce&) = delete;
   void operator=(const vtkSurfaceForce&) = delete;
 
   void WarnOfOtherFluid(vtkDataObject* image, const char* name, double mine);
+
+  struct Internals;
+  std::unique_ptr<Internals> State;
 };
 
 #endif

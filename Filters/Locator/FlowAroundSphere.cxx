@@ -176,9 +176,11 @@ public:
   double noise() const { return std::sqrt(noise_[0]); }
 
   /// Gauss-Newton for the centre; in between the variances, and all that is linear. start: the first twelve.
-  void solve(const VectorXd& start, int rounds) {
+  /// False: aborted.
+  bool solve(const VectorXd& start, int rounds, const Progress& progress) {
     state_.head<Flow>() = start;
     for (int round = 0; round <= rounds; ++round) {
+      if (!goOn(progress, double(round) / rounds)) return false;
       linearise(round > 0);
       const Vector3d before = state_.segment<3>(Centre);
       for (int k = 0; k < (round == 0 ? 5 : 3); ++k) regress();
@@ -188,6 +190,7 @@ public:
       if (step.norm() > longest) state_.segment<3>(Centre) = before + step * (longest / step.norm());
       if (round > 1 && step.norm() < 1e-3) break;
     }
+    return true;
   }
 
 private:
@@ -385,7 +388,7 @@ MatrixXd flowAroundBody(const std::vector<Vector3d>& x, const Vector3d& centre, 
 
 } // namespace
 
-FlowFit fitFlow(const std::vector<FlowView>& views, const FlowFitOptions& options) {
+FlowFit fitFlow(const std::vector<FlowView>& views, const FlowFitOptions& options, const Progress& progress) {
   check(options.radius, options.reach);
   FlowFit f;
   if (views.empty()) return f;
@@ -395,14 +398,14 @@ FlowFit fitFlow(const std::vector<FlowView>& views, const FlowFitOptions& option
   f.tracks = fit.tracks();
   f.samples = fit.samples();
   if (f.tracks < options.minimumTracks) return f;
-  fit.solve(VectorXd::Zero(Flow), 6);
+  if (!fit.solve(VectorXd::Zero(Flow), 6, part(progress, 0, 0.5))) return f;
   const VectorXd best = fit.state().head<Flow>();
   MatrixXd covariance = fit.covariance().topLeftCorner<Flow, Flow>();
   // What the answer owes to the choice of the model.
   for (const auto& [reach, layers] : {std::pair(0.75, 0.7), std::pair(1.3, 1.4)}) {
     Fit other(tracks, options, reach * options.reach, layers);
     if (other.tracks() < options.minimumTracks) continue;
-    other.solve(best, 3);
+    if (!other.solve(best, 3, part(progress, reach < 1 ? 0.5 : 0.75, reach < 1 ? 0.75 : 1))) return f;
     const VectorXd difference = other.state().head<Flow>() - best;
     // Half of its square as it is, half in any direction: two models do not show them all.
     covariance += 0.25 * difference * difference.transpose();

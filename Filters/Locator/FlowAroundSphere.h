@@ -1,4 +1,5 @@
 #pragma once
+#include "Progress.h"
 #include "WallParticle.h"
 
 #include <vector>
@@ -53,7 +54,9 @@ struct FlowFit {
 /// as large; times 1
 /// + (60/tracks)2, as few tracks do not determine the variances; never below 0.001 R or U. It does not know a
 /// wall that slips. Throws std::invalid_argument when radius or reach is out of range.
-FlowFit fitFlow(const std::vector<FlowView>& views, const FlowFitOptions& options);
+/// When progress aborts, there is not enough.
+FlowFit fitFlow(const std::vector<FlowView>& views, const FlowFitOptions& options,
+                const Progress& progress = {});
 
 struct FlowEvidenceOptions {
   double radius = 0;         ///< R of the sphere, m, > 0

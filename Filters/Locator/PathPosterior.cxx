@@ -301,14 +301,15 @@ public:
     startFromEstimates();
   }
 
-  /// Uphill at one width by Fisher scoring; the Gaussian that this leaves is about right.
-  void climb(double width) {
+  /// Uphill at one width by Fisher scoring; the Gaussian that this leaves is about right. False: aborted.
+  bool climb(double width, const Progress& progress) {
     look();
     PathLikelihood likelihood(snapshots_, reference_, reach_, options_.radius, width, noiseWidth_);
     VectorXd at = shape_.mean, gradient;
     MatrixXd information, covariance;
     double here = likelihood(offsets(at)) + logPrior(at);
     for (int step = 0; step < 30; ++step) {
+      if (!goOn(progress, step / 30.)) return false;
       likelihood.derivatives(offsets(at), basis_, gradient, information);
       gradient -= precision_ * (at - priorMean_);
       const Eigen::LLT<MatrixXd> newton(information + precision_);
@@ -324,10 +325,11 @@ public:
       if (!climbed || decrement < 1e-3) break;
     }
     shape_ = gaussian(at, 2 * covariance);
+    return true;
   }
 
-  /// Elliptical slice sampling at one width; the shape is then fitted to the samples.
-  void sample(double width, int steps) {
+  /// Elliptical slice sampling at one width; the shape is then fitted to the samples. False: aborted.
+  bool sample(double width, int steps, const Progress& progress) {
     look();
     PathLikelihood likelihood(snapshots_, reference_, reach_, options_.radius, width, noiseWidth_);
     VectorXd z = VectorXd::Zero(3 * m_), theta = shape_.mean;            // theta = mean + factor z
@@ -337,6 +339,7 @@ public:
     double here = logRatio(theta, z);
     samples_.resize(3 * m_, steps);
     for (int s = -steps / 5; s < steps; ++s) {
+      if (!goOn(progress, std::max(0., double(s) / steps))) return false;
       const VectorXd nu = VectorXd::NullaryExpr(3 * m_, [this] { return normal_(random_); });
       const double level = here + std::log(std::max(uniform_(random_), 1e-300));
       double angle = 2 * Pi * uniform_(random_), low = angle - 2 * Pi, high = angle;
@@ -359,6 +362,7 @@ public:
     const double trust = std::min(1., effective_ / (3. * 3 * m_));
     const MatrixXd old = shape_.factor * shape_.factor.transpose();
     shape_ = gaussian(samples_.rowwise().mean(), 1.3 * (trust * covariance + (1 - trust) * old));
+    return true;
   }
 
   PathPoint at(double time) const {
@@ -526,7 +530,7 @@ double positionNoiseFromTracks(const std::vector<CentreEstimate>& snapshots) {
 }
 
 PathPosterior samplePath(const std::vector<CentreEstimate>& snapshots, const std::vector<double>& times,
-                         const PathOptions& options) {
+                         const PathOptions& options, const Progress& progress) {
   check(snapshots, options);
   PathPosterior result;
   const double first = snapshots.front().time, last = snapshots.back().time, sigma = singleSigma(snapshots);
@@ -534,10 +538,18 @@ PathPosterior samplePath(const std::vector<CentreEstimate>& snapshots, const std
   const Splines splines(first, last, result.intervals);
   PathSampler sampler(snapshots, options, splines);
   const double finest = LogisticPerNoise * options.positionNoise, coarsest = std::max(0.5 * sigma, finest);
-  sampler.climb(coarsest);
-  for (double w = coarsest; w > 2 * finest; w /= 3) sampler.sample(w, options.steps / 3);
-  for (int turn = 0; turn < 2; ++turn) sampler.sample(finest, options.steps / 3);
-  sampler.sample(finest, options.steps);
+  std::vector<double> widths; // of the wall, in the rounds before the last
+  for (double w = coarsest; w > 2 * finest; w /= 3) widths.push_back(w);
+  widths.insert(widths.end(), 2, finest);
+  const double thirds = double(widths.size()) + 3; // of the steps of the last round
+  if (!sampler.climb(coarsest, part(progress, 0, 0.05))) return result;
+  for (std::size_t round = 0; round < widths.size(); ++round)
+    if (!sampler.sample(
+            widths[round], options.steps / 3,
+            part(progress, 0.05 + 0.95 * double(round) / thirds, 0.05 + 0.95 * double(round + 1) / thirds)))
+      return result;
+  if (!sampler.sample(finest, options.steps, part(progress, 0.05 + 0.95 * double(widths.size()) / thirds, 1)))
+    return result;
   result.effectiveSamples = sampler.effective();
   for (const double time : times) result.points.push_back(sampler.at(time));
   return result;

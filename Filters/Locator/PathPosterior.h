@@ -1,5 +1,6 @@
 #pragma once
 #include "CentreEstimate.h"
+#include "Progress.h"
 
 namespace rimflow {
 
@@ -54,9 +55,9 @@ struct PathPosterior {
 /// Fisher scoring, then to the samples. The same data give the same answer.
 ///
 /// snapshots: found ones with their wall, in the order of time, at least 2 with different times.
-/// Throws std::invalid_argument otherwise.
+/// Throws std::invalid_argument otherwise. When progress aborts, the result has no points.
 PathPosterior samplePath(const std::vector<CentreEstimate>& snapshots, const std::vector<double>& times,
-                         const PathOptions& options);
+                         const PathOptions& options, const Progress& progress = {});
 
 /// Standard deviation per component of a single snapshot, rms over the snapshots, m.
 double singleSigma(const std::vector<CentreEstimate>& snapshots);

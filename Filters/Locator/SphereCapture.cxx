@@ -128,7 +128,7 @@ private:
 /// Deviance of k where n are expected; 0 when nothing is missing.
 float deficit(double k, double n) { return float(k >= n ? 0 : n - k + (k > 0 ? k * std::log(k / n) : 0)); }
 
-/// Per cell, how strongly particles are missing in the inner ball around it.
+/// Per cell, how strongly particles are missing in the inner ball around it. Empty: aborted.
 std::vector<float> deficits(const CountGrid& grid, double radius, const Progress& progress) {
   const auto ball = grid.ball(InnerBall * radius);
   std::array<int, 3> inner, outer; // the surroundings: between cubes of half width 1.2 R and 2.2 R
@@ -137,9 +137,8 @@ std::vector<float> deficits(const CountGrid& grid, double radius, const Progress
     outer[a] = int(std::lround(2.2 * radius / grid.h[a]));
   }
   std::vector<float> score(std::size_t(grid.n[0]) * grid.n[1] * grid.n[2]);
-  goOn(progress, 0.1);
-#pragma omp parallel for schedule(dynamic)
-  for (int k = 0; k < grid.n[2]; ++k)
+  const auto layer = [&](std::size_t piece, const Progress&) {
+    const int k = int(piece);
     for (int j = 0; j < grid.n[1]; ++j)
       for (int i = 0; i < grid.n[0]; ++i) {
         const auto within = grid.inBall(ball, i, j, k);
@@ -149,6 +148,8 @@ std::vector<float> deficits(const CountGrid& grid, double radius, const Progress
         score[i + std::size_t(grid.n[0]) * (j + std::size_t(grid.n[1]) * k)] =
             deficit(within.particles, expected);
       }
+  };
+  if (!forEachPiece(std::size_t(grid.n[2]), progress, layer)) score.clear();
   return score;
 }
 
@@ -297,11 +298,9 @@ CaptureResult captureSphere(const ParticleIndex& particles, SeedingDensity& seed
   }
   seeding.exclude(sphere.others);
   const CountGrid grid(particles, radius / CellsPerRadius, sphere.others, seeding);
-  const std::vector<float> score = deficits(grid, radius, progress);
-  if (!goOn(progress, 0.7)) {
-    result.reason = "aborted";
-    return result;
-  }
+  result.reason = "aborted";
+  const std::vector<float> score = deficits(grid, radius, part(progress, 0, 0.5));
+  if (score.empty()) return result;
   const double limit = std::log(options.falseAlarm);
   const double places = independentPlaces(particles.box().volume(), radius);
   VoidLikelihoodOptions close = sphere;
@@ -319,8 +318,11 @@ CaptureResult captureSphere(const ParticleIndex& particles, SeedingDensity& seed
     const double flow = boundedFlowEvidence(particles, velocities, estimate, alarm, limit);
     return Find{std::min(0., alarm - flow), flow, estimate};
   };
-  for (const Eigen::Vector3d& candidate :
-       peaks(grid, score, 0.5 * radius, velocities ? options.flowCandidates : options.candidates)) {
+  const std::vector<Eigen::Vector3d> candidates =
+      peaks(grid, score, 0.5 * radius, velocities ? options.flowCandidates : options.candidates);
+  double looked = 0;
+  for (const Eigen::Vector3d& candidate : candidates) {
+    if (!goOn(progress, 0.5 + 0.2 * looked++ / double(candidates.size()))) return result;
     if (!clearOf(sphere.others, candidate, 0.6 * radius)) continue; // shadows of the other spheres
     const VoidEstimate estimate = roughVoid(particles, seeding, candidate, close);
     if (!clearOf(sphere.others, estimate.centre, 0.5 * estimate.diameter)) continue; // no room
@@ -336,7 +338,11 @@ CaptureResult captureSphere(const ParticleIndex& particles, SeedingDensity& seed
     int placed = 0;
     for (std::size_t f = 0; f < std::min<std::size_t>(finds.size(), 6) && placed < 3; ++f) {
       close.searchSide = 0.2 * radius;
-      finds[f] = judge(locateVoid(particles, seeding, finds[f].estimate.centre, close));
+      const double from = 0.7 + 0.05 * double(f);
+      const VoidEstimate exact =
+          locateVoid(particles, seeding, finds[f].estimate.centre, close, part(progress, from, from + 0.04));
+      if (!goOn(progress, from + 0.04)) return result;
+      finds[f] = judge(exact);
       if (finds[f].alarm <= limit && !closedLikeASphere(particles, sphere.others, finds[f].estimate)) {
         open = true;
         finds[f].alarm = 0;
@@ -363,6 +369,7 @@ CaptureResult captureSphere(const ParticleIndex& particles, SeedingDensity& seed
       }
     result.found = result.logFalseAlarm <= limit;
   }
+  result.reason.clear();
   if (!result.found) {
     char text[200];
     std::snprintf(

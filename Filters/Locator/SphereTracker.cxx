@@ -222,13 +222,15 @@ LocatedSphere SphereTracker::search(const SnapshotParticles& particles, const st
   const double side = sphere.searchSide > 0 ? sphere.searchSide : sphere.diameter;
   SeedingDensity seeding(index, 0.25 * sphere.diameter);
 
-  const auto at = [&](const Guess& g, const Doubt& doubt) -> std::optional<LocatedSphere> {
+  const auto at = [&](const Guess& g, const Doubt& doubt,
+                      const Progress& watch) -> std::optional<LocatedSphere> {
     const Vector3d start = index.box().clamp(g.centre);
     VoidLikelihoodOptions near = sphere;
     near.searchSide = g.side;
     const bool published = options_.method == LocatorMethod::PublishedCost;
     const VoidEstimate v =
-        published ? roughVoid(index, seeding, start, near) : locateVoid(index, seeding, start, near);
+        published ? roughVoid(index, seeding, start, near) : locateVoid(index, seeding, start, near, watch);
+    if (!goOn(watch, 0.9)) return std::nullopt;
     if (!isSphere(v, particles, g.side * g.side * g.side, doubt, near)) return std::nullopt;
     // Found far outside the cube: then it was not searched among the cube's places alone.
     if (g.side < side && (v.centre - start).cwiseAbs().maxCoeff() > 0.75 * g.side) return std::nullopt;
@@ -244,18 +246,18 @@ LocatedSphere SphereTracker::search(const SnapshotParticles& particles, const st
       expected{options_.followFalseAlarm, FollowedEnclosure};
   if (guess) {
     const bool follows = anyFound() && index.box().contains(guess->centre);
-    if (const auto found = at(*guess, follows ? expected : unexpected)) return *found;
+    if (const auto found = at(*guess, follows ? expected : unexpected, part(progress, 0, 0.2))) return *found;
   }
-  if (!everywhere) return lost;
+  if (!everywhere || !goOn(progress, 0.2)) return lost;
   const CaptureResult capture =
-      captureSphere(index, seeding, sphere, options_.capture, progress, particles.velocities);
+      captureSphere(index, seeding, sphere, options_.capture, part(progress, 0.2, 0.8), particles.velocities);
   if (!capture.found) {
     lost.text = capture.reason;
     return lost;
   }
   // Where the flow had to help, other voids are near.
   const double near = capture.flowEvidence > 0 ? std::min(side, 0.4 * sphere.diameter) : side;
-  if (const auto found = at({capture.centre, near}, unexpected)) return *found;
+  if (const auto found = at({capture.centre, near}, unexpected, part(progress, 0.8, 1))) return *found;
   lost.text = "a void was captured, but it is no sphere of this diameter when looked at closely";
   return lost;
 }

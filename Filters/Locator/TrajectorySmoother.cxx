@@ -66,11 +66,15 @@ struct Gaussian {
   StateMatrix covariance;
 };
 
+/// Ends the search for parameters when progress says stop.
+struct Stopped {};
+
 /// The estimates in the order of time, and how they are filtered and smoothed for given parameters.
 class Smoother {
 public:
-  Smoother(const std::vector<CentreEstimate>& estimates, const SmootherOptions& options)
-      : options_(options), sorted_(estimates) {
+  Smoother(const std::vector<CentreEstimate>& estimates, const SmootherOptions& options,
+           const Progress& progress)
+      : options_(options), progress_(progress), sorted_(estimates) {
     std::stable_sort(sorted_.begin(), sorted_.end(),
                      [](const CentreEstimate& a, const CentreEstimate& b) { return a.time < b.time; });
     used_.resize(sorted_.size());
@@ -90,7 +94,12 @@ public:
   }
 
   /// Twice the negative logarithm of the likelihood of the innovations; chiSquared: their sum of squares.
+  /// Throws Stopped.
   double filter(const Parameters& p, double* chiSquared = nullptr) {
+    // How often it will be called is not known beforehand: some thousand times is much.
+    constexpr double Many = 1000;
+    ++calls_;
+    if (!goOn(progress_, calls_ / (calls_ + Many))) throw Stopped();
     filtered_.resize(sorted_.size());
     predicted_.resize(sorted_.size());
     transitions_.resize(sorted_.size());
@@ -217,6 +226,8 @@ private:
   }
 
   const SmootherOptions& options_;
+  const Progress& progress_;
+  double calls_ = 0; // of filter()
   std::vector<CentreEstimate> sorted_;
   std::vector<bool> used_;
   std::vector<Gaussian> predicted_, filtered_;
@@ -345,7 +356,7 @@ void check(const std::vector<CentreEstimate>& estimates) {
 /// What the flow around the sphere knows in a window, seen from the smoothed path `reference` (one point per
 /// view).
 FlowFit flowAlong(const std::vector<CentreEstimate>& views, const std::vector<SmoothedCentre>& reference,
-                  double radius, double accelerationPrior) {
+                  double radius, double accelerationPrior, const Progress& progress) {
   std::vector<FlowView> flow;
   for (std::size_t k = 0; k < views.size(); ++k) {
     const Eigen::Vector3f moved = (views[k].centre - reference[k].centre).cast<float>();
@@ -360,7 +371,7 @@ FlowFit flowAlong(const std::vector<CentreEstimate>& views, const std::vector<Sm
   FlowFitOptions options;
   options.radius = radius;
   options.accelerationPrior = accelerationPrior;
-  return fitFlow(flow, options);
+  return fitFlow(flow, options, progress);
 }
 
 /// Corrects the reference path by what a fit found.
@@ -392,9 +403,9 @@ MotionEstimate motionFrom(const FlowFit& fit, const std::vector<CentreEstimate>&
 }
 
 /// The joint estimate of the snapshots that were found, in windows; `points` in the order of
-/// smoother.sorted().
+/// smoother.sorted(). Sets result.aborted.
 void refine(const Smoother& smoother, const Parameters& p, const SmootherOptions& options,
-            std::vector<SmoothedCentre>& points, SmoothedTrajectory& result) {
+            std::vector<SmoothedCentre>& points, SmoothedTrajectory& result, const Progress& progress) {
   std::vector<CentreEstimate> views;
   std::vector<SmoothedCentre> reference; // the points of the views
   std::vector<double> noises;
@@ -440,21 +451,21 @@ void refine(const Smoother& smoother, const Parameters& p, const SmootherOptions
       if (std::abs(middle(w) - time) < std::abs(middle(nearest) - time)) nearest = w;
     mine[nearest].push_back(k);
   }
-#pragma omp parallel for schedule(dynamic)
-  for (std::size_t w = 0; w < starts.size(); ++w) {
+  result.aborted = !forEachPiece(starts.size(), progress, [&](std::size_t w, const Progress& watch) {
     const auto begin = std::ptrdiff_t(starts[w]), end = std::ptrdiff_t(starts[w] + length);
     const std::vector<CentreEstimate> window(views.begin() + begin, views.begin() + end);
     std::vector<SmoothedCentre> smoothed(reference.begin() + begin, reference.begin() + end);
-    FlowFit flow = flowAlong(window, smoothed, options.radius, p.accelerationPrior);
+    FlowFit flow = flowAlong(window, smoothed, options.radius, p.accelerationPrior, part(watch, 0, 0.2));
     if (flow.enough) { // again from a better path: the flow's growth and turning follow it
       moveBy(flow, smoothed, window);
-      flow = flowAlong(window, smoothed, options.radius, p.accelerationPrior);
+      flow = flowAlong(window, smoothed, options.radius, p.accelerationPrior, part(watch, 0.2, 0.4));
     }
     PathOptions own = path;
     if (flow.enough) own.motion.push_back(motionFrom(flow, window, smoothed));
     std::vector<double> times;
     for (const std::size_t k : mine[w]) times.push_back(smoother.sorted()[k].time);
-    const PathPosterior posterior = samplePath(window, times, own);
+    const PathPosterior posterior = samplePath(window, times, own, part(watch, 0.4, 1));
+    if (posterior.points.empty()) return;
     for (std::size_t i = 0; i < mine[w].size(); ++i) {
       const PathPoint& q = posterior.points[i];
       SmoothedCentre& point = points[mine[w][i]];
@@ -466,7 +477,7 @@ void refine(const Smoother& smoother, const Parameters& p, const SmootherOptions
       point.angularVelocity = flow.angularVelocity;
       point.angularVelocitySigma = flow.angularVelocityCovariance.diagonal().cwiseSqrt();
     }
-  }
+  });
   for (const auto& of : mine) result.joint += int(of.size());
   result.positionNoise = path.positionNoise;
 }
@@ -480,14 +491,16 @@ bool tooUncertain(const Eigen::Matrix3d& covariance, double limit) {
 } // namespace
 
 SmoothedTrajectory smoothTrajectory(const std::vector<CentreEstimate>& estimates,
-                                    const SmootherOptions& options) {
+                                    const SmootherOptions& options, const Progress& progress) try {
   check(estimates);
   SmoothedTrajectory result;
   const Eigen::Vector3d nan = Eigen::Vector3d::Constant(std::numeric_limits<double>::quiet_NaN());
   const Eigen::Matrix3d nans = Eigen::Matrix3d::Constant(std::numeric_limits<double>::quiet_NaN());
   result.points.assign(estimates.size(), {CentreStatus::Lost, nan, nan, nan, nans, nans, nans, nan, nan});
   if (estimates.empty()) return result;
-  Smoother smoother(estimates, options);
+  const double share = options.radius > 0 ? 0.2 : 1; // of the parameters
+  const Progress search = part(progress, 0, share);
+  Smoother smoother(estimates, options, search);
   if (smoother.count() == 0) return result;
 
   Parameters p = likelyParameters(smoother, options);
@@ -523,11 +536,16 @@ SmoothedTrajectory smoothTrajectory(const std::vector<CentreEstimate>& estimates
                       g.covariance.block<3, 3>(Acceleration, Acceleration), Eigen::Vector3d::Zero(),
                       Eigen::Vector3d::Constant(-1)});
   }
-  if (options.radius > 0) refine(smoother, p, options, points, result);
+  if (options.radius > 0) refine(smoother, p, options, points, result, part(progress, share, 1));
+  if (result.aborted) return result;
   for (std::size_t k = 0; k < order.size(); ++k)
     if (points[k].status == CentreStatus::Found ||
         !tooUncertain(points[k].centreCovariance, options.largestPredictionSigma))
       result.points[order[k]] = points[k];
+  return result;
+} catch (const Stopped&) {
+  SmoothedTrajectory result;
+  result.aborted = true;
   return result;
 }
 

@@ -1,6 +1,7 @@
 #pragma once
 #include "CentreEstimate.h"
 #include "CentreStatus.h"
+#include "Progress.h"
 
 namespace rimflow {
 
@@ -43,6 +44,7 @@ struct SmoothedTrajectory {
   double accelerationPrior = 0; ///< that was used, m/s2
   double positionNoise = 0;     ///< of a particle, m, that the joint estimate used; 0: there was none
   int joint = 0;                ///< points from the joint estimate of several snapshots
+  bool aborted = false;         ///< then nothing else counts
 };
 
 /// Position, velocity and acceleration over time from single-snapshot estimates: Kalman filter and
@@ -62,8 +64,8 @@ struct SmoothedTrajectory {
 /// in whose middle it lies. Where the tracers have velocities, the flow around the sphere
 /// (FlowAroundSphere.h) adds what it knows of a window's path, and the rotation rate. Where the motion is too
 /// abrupt for that (fewer than four snapshots per window), and before the first and after the last find, the
-/// smoother's result stays.
+/// smoother's result stays. When progress aborts, the result says so.
 SmoothedTrajectory smoothTrajectory(const std::vector<CentreEstimate>& estimates,
-                                    const SmootherOptions& options = {});
+                                    const SmootherOptions& options = {}, const Progress& progress = {});
 
 } // namespace rimflow

@@ -489,7 +489,7 @@ VoidEstimate roughVoid(const ParticleIndex& particles, SeedingDensity& seeding, 
 }
 
 VoidEstimate locateVoid(const ParticleIndex& particles, SeedingDensity& seeding, const Eigen::Vector3d& guess,
-                        const VoidLikelihoodOptions& options) {
+                        const VoidLikelihoodOptions& options, const Progress& progress) {
   check(options);
   VoidEstimate estimate;
   estimate.centre = guess;
@@ -539,8 +539,12 @@ VoidEstimate locateVoid(const ParticleIndex& particles, SeedingDensity& seeding,
   SamplingOptions coarse;
   coarse.samples = std::min(512, options.samples);
   coarse.effectiveShare = 0.1;
-  for (double w = CoarseWidth * radius * WidthRatio; w > 1.5 * finest; w *= WidthRatio)
+  const double coarsest = CoarseWidth * radius * WidthRatio;
+  for (double w = coarsest; w > 1.5 * finest; w *= WidthRatio) {
+    if (!goOn(progress, 0.2 + 0.6 * std::log(w / coarsest) / std::log(finest / coarsest))) return estimate;
     settle({w}, {1}, coarse);
+  }
+  if (!goOn(progress, 0.8)) return estimate;
   SamplingOptions fine;
   fine.samples = options.samples;
   settle(widths, prior, fine);

@@ -1,4 +1,5 @@
 #pragma once
+#include "Progress.h"
 #include "SeedingDensity.h"
 
 namespace rimflow {
@@ -46,8 +47,9 @@ struct VoidEstimate {
 /// the basin and nothing else. `seeding` is changed: on return it excludes the found ball and the others.
 /// A diameter that is not known exactly is a fourth unknown with a normal prior; the integral then keeps the
 /// ball from shrinking, for a larger ball explains more of the empty space.
+/// When progress aborts, the estimate does not count.
 VoidEstimate locateVoid(const ParticleIndex& particles, SeedingDensity& seeding, const Eigen::Vector3d& guess,
-                        const VoidLikelihoodOptions& options);
+                        const VoidLikelihoodOptions& options, const Progress& progress = {});
 
 /// The first two steps alone, for a search among many candidates: centre, particlesInside, expectedInside and
 /// logChance are set.

@@ -2,7 +2,7 @@
 
 #include "SphereGroup.h"
 #include "vtkBodyOutput.h"
-#include "vtkFilterInput.h"
+#include "vtkFilterProgress.h"
 #include "vtkGridFromImage.h"
 #include "vtkTrajectorySmoother.h"
 #include "vtkUpstream.h"
@@ -162,14 +162,17 @@ rimflow::CentreEstimate estimateOf(double time, const LocatedSphere& s) {
   return {time, s.found, s.centre, s.covariance, s.wall};
 }
 
-/// Brings a sphere's trajectory up to date: as it is known so far, or `whole`: all snapshots jointly.
-void smooth(std::size_t sphere, const std::map<double, LocatedSphere>& known, bool whole,
-            vtkInvisibleSphereLocator::Internals::Smoothed& state) {
+/// Brings a sphere's trajectory up to date: as it is known so far, or `whole`: all snapshots jointly. False:
+/// aborted.
+bool smooth(std::size_t sphere, const std::map<double, LocatedSphere>& known, bool whole,
+            vtkInvisibleSphereLocator::Internals::Smoothed& state, const rimflow::Progress& progress) {
   const auto found =
       std::size_t(std::count_if(known.begin(), known.end(), [](const auto& k) { return k.second.found; }));
-  if (state.trajectory && state.known == known.size() && state.found == found && state.whole == whole) return;
+  if (state.trajectory && state.known == known.size() && state.found == found && state.whole == whole)
+    return true;
+  state.trajectory = nullptr;
   state.known = known.size(), state.found = found, state.whole = whole;
-  state.trajectory = vtkSmartPointer<vtkPolyData>::New();
+  const auto trajectory = vtkSmartPointer<vtkPolyData>::New();
   Rows rows(sphere);
   vtkNew<vtkTrajectorySmoother> smoother;
   double diameter = 0;
@@ -184,8 +187,9 @@ void smooth(std::size_t sphere, const std::map<double, LocatedSphere>& known, bo
     smoother->AddInputDataObject(1, wall);
   }
   if (found < 2) {
-    state.trajectory->ShallowCopy(rows.data());
-    return;
+    trajectory->ShallowCopy(rows.data());
+    state.trajectory = trajectory;
+    return true;
   }
   rows.fillDiameter(diameter);
   const bool fresh = found > 30 && found < 1.2 * state.fittedTo && found >= state.fittedTo;
@@ -194,8 +198,9 @@ void smooth(std::size_t sphere, const std::map<double, LocatedSphere>& known, bo
   smoother->SetCorrelationTime(fresh ? state.correlationTime : 0);
   smoother->SetLargestPredictionSigma(0.5 * diameter);
   smoother->SetInputData(rows.data());
-  smoother->Update();
-  withoutLost(smoother->GetOutput(), state.trajectory);
+  if (!rimflow::updateInside(smoother, progress)) return false;
+  withoutLost(smoother->GetOutput(), trajectory);
+  state.trajectory = trajectory;
   if (!fresh) {
     const auto fitted = [&](const char* name) {
       return smoother->GetOutput()->GetFieldData()->GetArray(name)->GetTuple1(0);
@@ -205,6 +210,7 @@ void smooth(std::size_t sphere, const std::map<double, LocatedSphere>& known, bo
     state.correlatedFraction = fitted("CorrelatedFraction");
     state.correlationTime = fitted("CorrelationTime");
   }
+  return true;
 }
 
 /// The point of a trajectory at this time; -1: there is none.
@@ -327,6 +333,7 @@ int vtkInvisibleSphereLocator::RequestUpdateExtent(vtkInformation* request, vtkI
     state.pending.insert(state.pending.begin(),
                          state.requested); // last, so that the inputs end at the time on show
   }
+  this->ShiftProgress();
   if (state.looping)
     for (int port = 0; port < 2; ++port)
       if (inputs[port]->GetNumberOfInformationObjects() > 0)
@@ -408,15 +415,34 @@ void vtkInvisibleSphereLocator::LocateAt(double time, vtkPolyData* particles, vt
     flow = {rimflow::gridOf(image), flowVelocity->GetPointer(0), flowQ->GetPointer(0),
             mask.empty() ? nullptr : mask.data()};
   }
-  const auto progress = [this](double fraction) {
-    const Internals& s = *this->State;
-    const double done = s.looping ? (double(s.pendingAtStart) - double(s.pending.size()) + 1 + fraction) /
-                                        double(s.pendingAtStart)
-                                  : fraction;
-    this->UpdateProgress(std::min(1.0, std::max(0.0, done)));
-    return !rimflow::aborted(this);
-  };
-  this->State->group->locate(time, snapshot, flow.velocity ? &flow : nullptr, progress);
+  this->State->group->locate(time, snapshot, flow.velocity ? &flow : nullptr,
+                             rimflow::progressOf(this, this->StepText("Locating the sphere"), 0, 0.9));
+}
+
+/// What is done, and at how many of the times that ProcessAllTimes visits.
+std::string vtkInvisibleSphereLocator::StepText(const std::string& step) const {
+  const Internals& state = *this->State;
+  if (!state.looping) return step;
+  const std::size_t visit =
+      state.pendingAtStart + 1 - std::min(state.pendingAtStart, state.pending.size() - 1);
+  return step + ": time " + std::to_string(std::min(visit, state.pendingAtStart)) + " of " +
+         std::to_string(state.pendingAtStart);
+}
+
+/// The pipeline executes the filter once per visit: each is its part of the whole. The last one also makes
+/// the trajectory.
+void vtkInvisibleSphereLocator::ShiftProgress() {
+  const Internals& state = *this->State;
+  constexpr double Visits = 0.7;
+  this->SetProgressText(this->StepText("Locating the sphere").c_str());
+  if (!state.looping) {
+    this->SetProgressShiftScale(0, 1);
+    return;
+  }
+  const double all = double(state.pendingAtStart), left = double(state.pending.size()) - 1;
+  const bool last = left <= 0;
+  this->SetProgressShiftScale(Visits * (last ? 1 : std::max(0., 1 - left / all)),
+                              last ? 1 - Visits : Visits / all);
 }
 
 int vtkInvisibleSphereLocator::RequestData(vtkInformation* request, vtkInformationVector** inputs,
@@ -476,8 +502,13 @@ void vtkInvisibleSphereLocator::FillOutputs(double time, bool whole, vtkInformat
   for (std::size_t i = 0; i < state.group->size(); ++i) {
     const auto& known = (*state.group)[i].known();
     const auto here = known.find(time);
-    if (here == known.end()) return; // aborted
-    smooth(i, known, whole, state.smoothed[i]);
+    const double begin = whole ? 0.1 : 0.9, share = (1 - begin) / double(state.group->size()),
+                 from = begin + share * double(i);
+    if (here == known.end() ||
+        !smooth(i, known, whole, state.smoothed[i],
+                rimflow::progressOf(this, whole ? "Joint estimate of all times" : "Smoothing the trajectory",
+                                    from, from + share)))
+      return; // aborted
     vtkPolyData* path = state.smoothed[i].trajectory;
     trajectories->AddInputData(path);
     vtkSmartPointer<vtkPolyData> body;

@@ -44,6 +44,7 @@
 #include "vtkRIMFlowFiltersModule.h"
 
 #include <memory>
+#include <string>
 #include <vector>
 
 class vtkImageData;
@@ -225,6 +226,8 @@ private:
   void RenewTracker();
   void LocateAt(double time, vtkPolyData* particles, vtkImageData* flow);
   bool AllTimesKnown(vtkInformation* input) const;
+  std::string StepText(const std::string& step) const;
+  void ShiftProgress();
   void FillOutputs(double time, bool whole, vtkInformationVector* outputs);
 
   std::unique_ptr<Internals> State;

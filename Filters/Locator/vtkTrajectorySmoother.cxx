@@ -2,6 +2,7 @@
 
 #include "TrajectorySmoother.h"
 #include "vtkFieldOutput.h"
+#include "vtkFilterProgress.h"
 #include "vtkWallView.h"
 
 #include "vtkCellArray.h"
@@ -193,7 +194,10 @@ int vtkTrajectorySmoother::RequestData(vtkInformation*, vtkInformationVector** i
     std::vector<rimflow::CentreEstimate> estimates = estimatesOf(input);
     if (addWalls(inputs[1], estimates))
       options.radius = 0.5 * needed(input, "Diameter", 1)->GetComponent(0, 0);
-    fill(input, rimflow::smoothTrajectory(estimates, options), output);
+    const rimflow::SmoothedTrajectory smoothed =
+        rimflow::smoothTrajectory(estimates, options, rimflow::progressOf(this, "Smoothing the trajectory"));
+    if (smoothed.aborted) return 1; // the output stays empty
+    fill(input, smoothed, output);
   } catch (const std::invalid_argument& error) {
     output->Initialize();
     vtkErrorMacro("The trajectory cannot be smoothed: " << error.what() << ".");

@@ -186,12 +186,13 @@ PressureSolution oneShotPressure(const PressureProblem& problem, const OneShotOp
   check(problem, options);
   const Grid& g = problem.grid;
   PressureSolution out;
-  if (!goOn(progress, 0)) {
-    out.aborted = true;
-    return out;
-  }
+  constexpr double Before = 0.15, After = 0.95; // of the iterations
+  const auto aborted = [&](double fraction) { return out.aborted = !goOn(progress, fraction); };
+  if (aborted(0)) return out;
   const GraphLaplacian a(g, nodeWeights(problem, options.wallWeight));
+  if (aborted(Before / 3)) return out;
   const BoxAndWall preconditioner(a);
+  if (aborted(2 * Before / 3)) return out;
   const Eigen::Index n = g.n[0];
   const auto dot = [&](const Eigen::VectorXd& u, const auto& v) {
     return sumOverSegments(
@@ -207,11 +208,10 @@ PressureSolution oneShotPressure(const PressureProblem& problem, const OneShotOp
   // harm.
   for (; rr > options.tolerance * options.tolerance && out.iterations < options.maximumIterations;
        ++out.iterations) {
-    if (!goOn(progress, std::min(1., 0.5 * std::log(rr) / std::log(options.tolerance)))) {
-      out.aborted = true;
-      return out;
-    }
+    const double done = std::min(1., 0.5 * std::log(rr) / std::log(options.tolerance));
+    if (aborted(Before + (After - Before) * done)) return out;
     preconditioner.apply(r, z);
+    if (aborted(Before + (After - Before) * done)) return out;
     const double rzNew = dot(r, z), beta = out.iterations == 0 ? 0 : rzNew / rz;
     rz = rzNew;
     forEachRow<float>(g, 0, [&](int j, int k, auto&) {
@@ -226,6 +226,7 @@ PressureSolution oneShotPressure(const PressureProblem& problem, const OneShotOp
     });
   }
   out.residual = std::sqrt(rr);
+  if (aborted(After)) return out;
   x *= norm;
   FluidRegions regions = fluidRegions(g, problem.mask);
   removeRegionMeans(regions, x.data());

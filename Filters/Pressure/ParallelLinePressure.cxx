@@ -269,26 +269,40 @@ public:
         if (m < last) from(b, end, s.integral[m] - s.total());
       }
     });
-    for (const auto& pairs : perStrip) pairs_.insert(pairs_.end(), pairs.begin(), pairs.end());
+    pairs_.insert(pairs_.end(), std::make_move_iterator(perStrip.begin()),
+                  std::make_move_iterator(perStrip.end()));
   }
 
-  // Sorts what has been added by node.
-  void finish() {
+  // Sorts what has been added by node. False: aborted.
+  bool finish(const Progress& progress) {
     start_.assign(passes_.size() + 1, 0);
     for (std::size_t b = 0; b < passes_.size(); ++b) start_[b + 1] = start_[b] + passes_[b];
     std::vector<std::size_t> at(start_.begin(), start_.end() - 1);
-    ends_.resize(pairs_.size() / 2);
-    for (std::size_t e = 0; e < pairs_.size(); e += 2) ends_[at[pairs_[e]]++] = pairs_[e + 1];
-    pairs_ = {};
+    ends_.resize(start_.back());
+    for (std::size_t chunk = 0; chunk < pairs_.size(); ++chunk) {
+      if (!goOn(progress, double(chunk) / double(pairs_.size()))) return false;
+      std::vector<std::uint32_t> pairs;
+      pairs.swap(pairs_[chunk]);
+      for (std::size_t e = 0; e < pairs.size(); e += 2) ends_[at[pairs[e]]++] = pairs[e + 1];
+    }
+    pairs_.clear();
+    return true;
   }
 
-  void apply(const Eigen::VectorXd& p, Eigen::VectorXd& out) const {
+  // False: aborted.
+  bool apply(const Eigen::VectorXd& p, Eigen::VectorXd& out, const Progress& progress) const {
+    constexpr std::size_t Blocks = 16; // of nodes, between which progress is asked
+    const std::size_t n = passes_.size();
+    for (std::size_t block = 0; block < Blocks; ++block) {
+      if (!goOn(progress, double(block) / Blocks)) return false;
 #pragma omp parallel for schedule(static)
-    for (std::size_t b = 0; b < passes_.size(); ++b) {
-      double sum = known_[b];
-      for (std::size_t e = start_[b]; e < start_[b + 1]; ++e) sum += p[ends_[e]];
-      out[b] = passes_[b] > 0 ? sum / passes_[b] : 0;
+      for (std::size_t b = block * n / Blocks; b < (block + 1) * n / Blocks; ++b) {
+        double sum = known_[b];
+        for (std::size_t e = start_[b]; e < start_[b + 1]; ++e) sum += p[ends_[e]];
+        out[b] = passes_[b] > 0 ? sum / passes_[b] : 0;
+      }
     }
+    return true;
   }
 
 private:
@@ -296,7 +310,8 @@ private:
     return std::uint32_t(field.nodes[node].boundary);
   }
   std::vector<double> known_;
-  std::vector<std::uint32_t> passes_, pairs_, ends_;
+  std::vector<std::uint32_t> passes_, ends_;
+  std::vector<std::vector<std::uint32_t>> pairs_; // node and end, one after the other
   std::vector<std::size_t> start_;
 };
 
@@ -427,6 +442,7 @@ PressureSolution parallelLinePressure(const PressureProblem& problem, const Para
                                       const Progress& progress) {
   check(problem, options);
   PressureSolution out;
+  if ((out.aborted = !goOn(progress, 0))) return out;
   const double spacing = options.lineSpacing > 0 ? options.lineSpacing : smallestSpacing(problem.grid);
   const Field field(problem, options.order, spacing);
   const AllLines lines(field, options.directions, spacing);
@@ -437,7 +453,7 @@ PressureSolution parallelLinePressure(const PressureProblem& problem, const Para
     if (aborted(0.4 * d / lines.directions())) return out;
     equation.add(field, lines[d]);
   }
-  equation.finish();
+  if ((out.aborted = !equation.finish(part(progress, 0.4, 0.45)))) return out;
 
   FluidRegions regions = fluidRegions(problem.grid, problem.mask);
   std::vector<int> region;
@@ -446,8 +462,9 @@ PressureSolution parallelLinePressure(const PressureProblem& problem, const Para
   AndersonMixing mixing(boundary.size(), Memory);
   out.residual = std::numeric_limits<double>::infinity();
   while (out.iterations < options.maximumIterations && out.residual > options.tolerance) {
-    if (aborted(0.4 + 0.2 * out.iterations / options.maximumIterations)) return out;
-    equation.apply(boundary, image);
+    const double from = 0.45 + 0.15 * out.iterations / options.maximumIterations;
+    out.aborted = !equation.apply(boundary, image, part(progress, from, from));
+    if (out.aborted) return out;
     removeMeans(region, regions.count, image);
     const double size = image.norm();
     out.residual = size > 0 ? (image - boundary).norm() / size : 0;

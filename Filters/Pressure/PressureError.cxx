@@ -42,7 +42,8 @@ std::vector<float> unexplainedGradient(const PressureProblem& problem, const flo
 // r = grad p - g has no divergence. Errors of the gradient that know no direction put, at each wavenumber k,
 // twice as much into the two components across k, which is r, as into the one along k, which is integrated to
 // the pressure: |p(k)|^2 = |r(k)|^2/(2 k^2). The mean square is taken over a neighbourhood of a few nodes.
-std::vector<float> pressureError(const PressureProblem& problem, const float* pressure) {
+std::vector<float> pressureError(const PressureProblem& problem, const float* pressure,
+                                 const Progress& progress) {
   const Grid& g = problem.grid;
   const PressureLinks links(problem, 4);
   std::array<std::vector<float>, 3> rest;
@@ -55,12 +56,15 @@ std::vector<float> pressureError(const PressureProblem& problem, const float* pr
     for (int a = 0; a < 3; ++a)
       if (count[a] > 0) rest[a][node] = float(sum[a] / count[a]);
   });
+  if (!goOn(progress, 0.3)) return {};
   const std::array<AxisBasis, 3> bases{neumannBasis(g.n[0], g.spacing[0]), neumannBasis(g.n[1], g.spacing[1]),
                                        neumannBasis(g.n[2], g.spacing[2])};
   const BoxPoisson<float> inverseRoot(
       g, bases, [](double eigenvalue) { return eigenvalue == 0 ? 0 : 1 / std::sqrt(-eigenvalue); });
+  if (!goOn(progress, 0.4)) return {};
   float* fields[3] = {rest[0].data(), rest[1].data(), rest[2].data()};
   inverseRoot.solve(fields, 3);
+  if (!goOn(progress, 0.6)) return {};
 
   const double reach = 4 * *std::max_element(g.spacing.begin(), g.spacing.end());
   const BoxPoisson<float> mean(g, bases,
@@ -70,6 +74,7 @@ std::vector<float> pressureError(const PressureProblem& problem, const float* pr
     for (const auto& r : rest) square[node] += r[node] * r[node] / 2;
     fluid[node] = 1;
   });
+  if (!goOn(progress, 0.7)) return {};
   float* means[2] = {square.data(), fluid.data()};
   mean.solve(means, 2);
   forEachFluidNode(problem.grid, problem.mask, [&](std::size_t node, const auto&) {

@@ -1,5 +1,6 @@
 #pragma once
 #include "PressureProblem.h"
+#include "Progress.h"
 
 #include <vector>
 
@@ -13,7 +14,8 @@ namespace rimflow {
 std::vector<float> unexplainedGradient(const PressureProblem& problem, const float* pressure, int order);
 
 /// Standard deviation of the integrated pressure, one per node, Pa, as far as its gradient's curl tells. 0
-/// where there is no fluid. The formula stands at the implementation.
-std::vector<float> pressureError(const PressureProblem& problem, const float* pressure);
+/// where there is no fluid. The formula stands at the implementation. Empty when progress aborts.
+std::vector<float> pressureError(const PressureProblem& problem, const float* pressure,
+                                 const Progress& progress = {});
 
 } // namespace rimflow

@@ -1,8 +1,7 @@
 #include "PressureGradient.h"
 
-#include "PressureLinks.h"
-
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 namespace rimflow {
@@ -43,17 +42,24 @@ private:
 } // namespace
 
 std::vector<float> pressureGradient(const Grid& grid, const float* velocity, const float* acceleration,
-                                    const unsigned char* mask, double density, double viscosity) {
+                                    const unsigned char* mask, double density, double viscosity,
+                                    const Progress& progress) {
   std::vector<float> gradient(3 * grid.size(), 0);
   const SecondDifference second(grid, velocity, mask);
-  forEachFluidNode(grid, mask, [&](std::size_t node, const std::array<int, 3>& at) {
+  const auto atNode = [&](std::size_t node, const std::array<int, 3>& at) {
     for (int c = 0; c < 3; ++c) {
       double laplacian = 0;
       if (velocity && viscosity > 0)
         for (int axis = 0; axis < 3; ++axis) laplacian += second(node, axis, at[axis], c);
       gradient[3 * node + c] = float(-density * (acceleration[3 * node + c] - viscosity * laplacian));
     }
-  });
+  };
+  const auto row = [&](std::size_t piece, const Progress&) {
+    const int j = int(piece) % grid.n[1], k = int(piece) / grid.n[1];
+    for (int i = 0; i < grid.n[0]; ++i)
+      if (const std::size_t node = grid.index(i, j, k); !mask || !mask[node]) atNode(node, {i, j, k});
+  };
+  if (!forEachPiece(std::size_t(grid.n[1]) * std::size_t(grid.n[2]), progress, row)) return {};
   return gradient;
 }
 

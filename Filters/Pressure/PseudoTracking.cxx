@@ -150,7 +150,7 @@ void check(const VelocitySeries& series) {
 
 } // namespace
 
-PseudoTrackingResult pseudoTracking(const VelocitySeries& series) {
+PseudoTrackingResult pseudoTracking(const VelocitySeries& series, const Progress& progress) {
   check(series);
   const Grid& grid = series.grid;
   const Neighbour previous{series.previous, series.previousMask, -series.timeBefore},
@@ -164,17 +164,18 @@ PseudoTrackingResult pseudoTracking(const VelocitySeries& series) {
     };
     return slope(velocity, on(previous), series.timeBefore, on(next), series.timeAfter);
   };
-#pragma omp parallel for collapse(2) schedule(dynamic, 16)
-  for (int k = 0; k < grid.n[2]; ++k)
-    for (int j = 0; j < grid.n[1]; ++j)
-      for (int i = 0; i < grid.n[0]; ++i) {
-        const std::size_t node = grid.index(i, j, k);
-        if (series.presentMask && series.presentMask[node]) continue;
-        const auto a = acceleration(Vector3d(i, j, k), vectorAt(series.present, node));
-        if (!a) continue;
-        Eigen::Map<Eigen::Vector3f>(out.acceleration.data() + 3 * node) = a->cast<float>();
-        out.mask[node] = 0;
-      }
+  const auto row = [&](std::size_t piece, const Progress&) {
+    const int j = int(piece) % grid.n[1], k = int(piece) / grid.n[1];
+    for (int i = 0; i < grid.n[0]; ++i) {
+      const std::size_t node = grid.index(i, j, k);
+      if (series.presentMask && series.presentMask[node]) continue;
+      const auto a = acceleration(Vector3d(i, j, k), vectorAt(series.present, node));
+      if (!a) continue;
+      Eigen::Map<Eigen::Vector3f>(out.acceleration.data() + 3 * node) = a->cast<float>();
+      out.mask[node] = 0;
+    }
+  };
+  if (!forEachPiece(std::size_t(grid.n[1]) * std::size_t(grid.n[2]), progress, row)) return {};
   return out;
 }
 

@@ -1,5 +1,6 @@
 #pragma once
 #include "Grid.h"
+#include "Progress.h"
 
 #include <vector>
 
@@ -28,7 +29,7 @@ struct PseudoTrackingResult {
 /// interpolation error e of the velocity costs e/(time between snapshots): keep the path at about a spacing
 /// or less, but no shorter than the noise of the velocity allows. Threaded; the result does not depend on the
 /// number of threads. Throws std::invalid_argument when both neighbours are missing or a time is not greater
-/// than 0.
-PseudoTrackingResult pseudoTracking(const VelocitySeries& series);
+/// than 0. When progress aborts, the result is empty.
+PseudoTrackingResult pseudoTracking(const VelocitySeries& series, const Progress& progress = {});
 
 } // namespace rimflow

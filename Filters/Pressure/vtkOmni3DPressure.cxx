@@ -8,8 +8,9 @@
 #include "PseudoTracking.h"
 #include "vtkBodyFromPolyData.h"
 #include "vtkFieldOutput.h"
-#include "vtkFilterInput.h"
+#include "vtkFilterProgress.h"
 #include "vtkGridFromImage.h"
+#include "vtkResultCache.h"
 #include "vtkUpstream.h"
 
 #include "vtkInformation.h"
@@ -108,12 +109,12 @@ double partOf(const std::vector<float>& gradient, const std::vector<float>& left
   return all > 0 ? std::sqrt(3 * sum / all) : 0;
 }
 
-void fill(Snapshot& s, const std::vector<float>& gradient, const rimflow::PressureSolution& solution) {
+void fill(Snapshot& s, const std::vector<float>& gradient, const rimflow::PressureSolution& solution,
+          const std::vector<float>& error) {
   using namespace rimflow;
   addPointArray(s.image, "Pressure", solution.pressure);
   addPointArray(s.image, "PressureGradient", gradient);
-  addPointArray(s.image, "PressureError",
-                pressureError({s.grid, gradient.data(), s.masked()}, solution.pressure.data()));
+  addPointArray(s.image, "PressureError", error);
   s.image->GetPointData()->SetActiveScalars("Pressure");
   if (!s.mask.empty()) addMask(s.image, s.mask);
   if (solution.regions > 1) {
@@ -133,6 +134,7 @@ void fill(Snapshot& s, const std::vector<float>& gradient, const rimflow::Pressu
 struct vtkOmni3DPressure::Internals {
   std::map<double, Snapshot> known; // around the present time, for pseudo-tracking
   vtkMTimeType upstream = 0;        // of everything that the inputs come from
+  rimflow::ResultCache results;
 
   const Snapshot* at(vtkAlgorithm* filter, double time) {
     const auto found = known.find(time);
@@ -141,10 +143,10 @@ struct vtkOmni3DPressure::Internals {
     return &(known[time] = snapshotOf(filter));
   }
   rimflow::PseudoTrackingResult track(vtkAlgorithm* filter, const Snapshot& present);
-  void complete(vtkOmni3DPressure* filter, Snapshot& s);
+  bool complete(vtkOmni3DPressure* filter, Snapshot& s);
 };
 
-/// Du/Dt from the time steps before and after; one of them is enough.
+/// Du/Dt from the time steps before and after; one of them is enough. Empty when aborted.
 rimflow::PseudoTrackingResult vtkOmni3DPressure::Internals::track(vtkAlgorithm* filter,
                                                                   const Snapshot& present) {
   vtkInformation* in = filter->GetInputInformation(0, 0);
@@ -170,7 +172,7 @@ rimflow::PseudoTrackingResult vtkOmni3DPressure::Internals::track(vtkAlgorithm* 
   series.grid = present.grid;
   series.present = present.velocities(), series.presentMask = present.masked();
   const auto neighbour = [&](double time, const float*& velocity, const unsigned char*& mask, double& apart) {
-    const Snapshot* s = time == now ? nullptr : this->at(filter, time);
+    const Snapshot* s = time == now || rimflow::aborted(filter) ? nullptr : this->at(filter, time);
     if (!s || !s->velocity) return; // the end of the series, or a snapshot that cannot be had
     if (s->grid.n != present.grid.n || s->grid.origin != present.grid.origin ||
         s->grid.spacing != present.grid.spacing)
@@ -181,11 +183,13 @@ rimflow::PseudoTrackingResult vtkOmni3DPressure::Internals::track(vtkAlgorithm* 
   };
   neighbour(before, series.previous, series.previousMask, series.timeBefore);
   neighbour(after, series.next, series.nextMask, series.timeAfter);
-  return rimflow::pseudoTracking(series);
+  if (rimflow::aborted(filter)) return {};
+  return rimflow::pseudoTracking(series, rimflow::progressOf(filter, "Pressure: pseudo-tracking", 0, 0.2));
 }
 
-/// Throws when the settings or the arrays do not do; finds the acceleration where it is to be found.
-void vtkOmni3DPressure::Internals::complete(vtkOmni3DPressure* filter, Snapshot& s) {
+/// Throws when the settings or the arrays do not do; finds the acceleration where it is to be found. False:
+/// aborted.
+bool vtkOmni3DPressure::Internals::complete(vtkOmni3DPressure* filter, Snapshot& s) {
   if (!(filter->Density > 0)) throw std::invalid_argument("the Density must be greater than 0 kg/m3");
   if (filter->Order != 2 && filter->Order != 4)
     throw std::invalid_argument("the Order is " + std::to_string(filter->Order) + "; it must be 2 or 4");
@@ -203,11 +207,13 @@ void vtkOmni3DPressure::Internals::complete(vtkOmni3DPressure* filter, Snapshot&
   if (tracks || filter->Viscosity > 0) refuseWhatIsNoNumber("velocity", s.velocities(), s);
   if (tracks) {
     const rimflow::PseudoTrackingResult result = this->track(filter, s);
+    if (result.mask.empty()) return false;
     s.mask = result.mask;
     rimflow::addPointArray(s.image, "MaterialAcceleration", result.acceleration);
     s.acceleration = vtkFloatArray::SafeDownCast(s.image->GetPointData()->GetArray("MaterialAcceleration"));
   }
   refuseWhatIsNoNumber("material acceleration", s.acceleration->GetPointer(0), s);
+  return true;
 }
 
 vtkOmni3DPressure::vtkOmni3DPressure() : State(new Internals) {
@@ -231,13 +237,6 @@ int vtkOmni3DPressure::RequestUpdateExtent(vtkInformation*, vtkInformationVector
   if (in->Has(Pipeline::WHOLE_EXTENT()))
     in->Set(Pipeline::UPDATE_EXTENT(), in->Get(Pipeline::WHOLE_EXTENT()), 6);
   return 1;
-}
-
-std::function<bool(double)> vtkOmni3DPressure::ProgressBetween(double from, double to) {
-  return [this, from, to](double fraction) {
-    this->UpdateProgress(from + (to - from) * fraction);
-    return !rimflow::aborted(this);
-  };
 }
 
 rimflow::PressureSolution vtkOmni3DPressure::Solve(const rimflow::PressureProblem& problem,
@@ -269,32 +268,42 @@ rimflow::PressureSolution vtkOmni3DPressure::Solve(const rimflow::PressureProble
   return solution;
 }
 
-int vtkOmni3DPressure::RequestData(vtkInformation*, vtkInformationVector**, vtkInformationVector* outputs) {
+int vtkOmni3DPressure::RequestData(vtkInformation*, vtkInformationVector** inputs,
+                                   vtkInformationVector* outputs) {
   vtkImageData* output = vtkImageData::GetData(outputs);
   output->Initialize();
+  // Pseudo-tracking also looks at what the inputs hold at other times.
+  const vtkMTimeType stamp = this->PseudoTracking == NEVER ? 0 : rimflow::upstreamMTime(this);
+  if (this->State->results.restore(this, inputs, outputs, stamp)) return 1;
   const auto start = std::chrono::steady_clock::now();
   try {
     Snapshot s = snapshotOf(this);
     if (s.grid.size() == 0) return 1;
-    this->State->complete(this, s);
-    std::vector<float> gradient =
-        rimflow::pressureGradient(s.grid, this->Viscosity > 0 ? s.velocities() : nullptr,
-                                  s.acceleration->GetPointer(0), s.masked(), this->Density, this->Viscosity);
+    if (!this->State->complete(this, s)) return 1; // aborted: the output stays empty
+    std::vector<float> gradient = rimflow::pressureGradient(
+        s.grid, this->Viscosity > 0 ? s.velocities() : nullptr, s.acceleration->GetPointer(0), s.masked(),
+        this->Density, this->Viscosity, rimflow::progressOf(this, "Pressure: its gradient", 0.2, 0.25));
+    if (gradient.empty()) return 1;
     refuseWhatIsNoNumber("pressure gradient", gradient.data(), s);
 
     rimflow::PressureProblem problem{s.grid, gradient.data(), s.masked()};
     const bool leavesOut = this->LargestGradientError > 0;
-    auto solution = this->Solve(problem, this->ProgressBetween(0, leavesOut ? 0.5 : 1));
+    const char* const integration = "Pressure: integration";
+    auto solution =
+        this->Solve(problem, rimflow::progressOf(this, integration, 0.25, leavesOut ? 0.55 : 0.85));
     std::size_t leftOut = 0;
     if (leavesOut && !solution.aborted) {
       leftOut = leaveOut(rimflow::unexplainedGradient(problem, solution.pressure.data(), this->Order),
                          this->LargestGradientError, s, gradient);
       problem.mask = s.masked();
-      if (leftOut > 0) solution = this->Solve(problem, this->ProgressBetween(0.5, 1));
+      if (leftOut > 0) solution = this->Solve(problem, rimflow::progressOf(this, integration, 0.55, 0.85));
     }
-    if (solution.aborted) return 1; // the output stays empty
-
-    fill(s, gradient, solution);
+    if (solution.aborted) return 1;
+    rimflow::Progress uncertainty = rimflow::progressOf(this, "Pressure: uncertainty", 0.85, 1);
+    const std::vector<float> error =
+        rimflow::pressureError(problem, solution.pressure.data(), rimflow::part(uncertainty, 0, 0.8));
+    if (error.empty() || !uncertainty(0.8)) return 1;
+    fill(s, gradient, solution, error);
     rimflow::addNumber(
         s.image, "CurlResidual",
         partOf(gradient, rimflow::unexplainedGradient(problem, solution.pressure.data(), this->Order)));
@@ -305,11 +314,17 @@ int vtkOmni3DPressure::RequestData(vtkInformation*, vtkInformationVector**, vtkI
                        std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
     output->ShallowCopy(s.image);
     if (s.hasTime) output->GetInformation()->Set(vtkDataObject::DATA_TIME_STEP(), s.time);
+    this->State->results.keep(this, inputs, outputs, stamp);
   } catch (const std::invalid_argument& error) {
     vtkErrorMacro("The pressure cannot be integrated: " << error.what() << ".");
     return 0;
   }
   return 1;
+}
+
+void vtkOmni3DPressure::SetCacheSize(int mebibytes) {
+  this->CacheSize = std::max(0, mebibytes);
+  this->State->results.setLimit(this->CacheSize);
 }
 
 void vtkOmni3DPressure::PrintSelf(ostream& os, vtkIndent indent) {
@@ -324,5 +339,6 @@ void vtkOmni3DPressure::PrintSelf(ostream& os, vtkIndent indent) {
      << indent << "Tolerance: " << this->Tolerance << "\n"
      << indent << "MaximumIterations: " << this->MaximumIterations << "\n"
      << indent << "LargestGradientError: " << this->LargestGradientError << "\n"
-     << indent << "PseudoTracking: " << this->PseudoTracking << "\n";
+     << indent << "PseudoTracking: " << this->PseudoTracking << "\n"
+     << indent << "CacheSize: " << this->CacheSize << "\n";
 }

@@ -126,6 +126,14 @@ public:
   void SetPseudoTrackingToAlways() { this->SetPseudoTracking(ALWAYS); }
   ///@}
 
+  ///@{
+  /// Memory for the results of times visited before, MiB, >= 0: going back to one of them is then instant.
+  /// What was not used for longest goes first; 0: nothing is kept. Default 256. A result is shown again only
+  /// where the settings and all that the inputs hold are the same. Setting it changes no result.
+  void SetCacheSize(int mebibytes);
+  vtkGetMacro(CacheSize, int);
+  ///@}
+
 protected:
   vtkOmni3DPressure();
   ~vtkOmni3DPressure() override;
@@ -145,12 +153,12 @@ protected:
   int MaximumIterations = 0;
   double LargestGradientError = 0;
   int PseudoTracking = AUTO;
+  int CacheSize = 256;
 
 private:
   vtkOmni3DPressure(const vtkOmni3DPressure&) = delete;
   void operator=(const vtkOmni3DPressure&) = delete;
 
-  std::function<bool(double)> ProgressBetween(double from, double to);
   rimflow::PressureSolution Solve(const rimflow::PressureProblem& problem,
                                   const std::function<bool(double)>& progress);
 

@@ -135,7 +135,7 @@ float noiseFloor(const std::vector<Residual>& residuals, const float* values, fl
 } // namespace
 
 MedianTestResult medianTest(const float* positions, const float* velocities, const float* accelerations,
-                            std::size_t count, const MedianTestOptions& options) {
+                            std::size_t count, const MedianTestOptions& options, const Progress& progress) {
   if (options.neighbours < 8 || options.neighbours > Most || !(options.threshold > 0))
     throw std::invalid_argument("the median test needs 8 to 32 neighbours and a threshold greater than 0");
   MedianTestResult result;
@@ -156,16 +156,20 @@ MedianTestResult medianTest(const float* positions, const float* velocities, con
     look[p] = finite(positions + 3 * p) && finite(velocities + 3 * p);
     skip[p] = !look[p];
   }
-  const auto examine = [&] {
-#pragma omp parallel for schedule(dynamic, 512)
-    for (std::ptrdiff_t p = 0; p < n; ++p) {
-      if (!look[p]) continue;
-      const Neighbours found = nearest(index, positions + 3 * p, k, radius,
-                                       [&](std::uint32_t id) { return skip[id] || id == std::uint32_t(p); });
-      for (int j = 0; j < k; ++j) around[p * k + j] = j < found.count ? found.id[j] : std::uint32_t(p);
-      velocity[p] = residual(found, velocities, p, threshold);
-      if (accelerations) acceleration[p] = residual(found, accelerations, p, threshold);
-    }
+  const auto examine = [&](const Progress& watch) {
+    constexpr std::ptrdiff_t Piece = 512; // particles
+    return forEachPiece(std::size_t((n + Piece - 1) / Piece), watch, [&](std::size_t piece, const Progress&) {
+      const std::ptrdiff_t first = std::ptrdiff_t(piece) * Piece;
+      for (std::ptrdiff_t p = first; p < std::min(n, first + Piece); ++p) {
+        if (!look[p]) continue;
+        const Neighbours found = nearest(index, positions + 3 * p, k, radius, [&](std::uint32_t id) {
+          return skip[id] || id == std::uint32_t(p);
+        });
+        for (int j = 0; j < k; ++j) around[p * k + j] = j < found.count ? found.id[j] : std::uint32_t(p);
+        velocity[p] = residual(found, velocities, p, threshold);
+        if (accelerations) acceleration[p] = residual(found, accelerations, p, threshold);
+      }
+    });
   };
   const auto over = [&](const Residual& r, float floor) {
     // so that what is too large to square is one, too
@@ -178,7 +182,7 @@ MedianTestResult medianTest(const float* positions, const float* velocities, con
         outlier[p] = (over(velocity[p], velocityFloor) ? 1 : 0) +
                      (accelerations && over(acceleration[p], accelerationFloor) ? 2 : 0);
   };
-  examine();
+  if (!examine(part(progress, 0, 0.7))) return result;
   velocityFloor = noiseFloor(velocity, velocities, threshold);
   if (accelerations) accelerationFloor = noiseFloor(acceleration, accelerations, threshold);
   judge();
@@ -188,7 +192,7 @@ MedianTestResult medianTest(const float* positions, const float* velocities, con
     look[p] = look[p] && (outlier[p] || std::any_of(first, first + k, [&](auto id) { return outlier[id]; }));
   }
   for (std::ptrdiff_t p = 0; p < n; ++p) skip[p] |= outlier[p];
-  examine();
+  if (!examine(part(progress, 0.7, 1))) return result;
   judge();
 
   result.count = std::size_t(n - std::count(outlier.begin(), outlier.end(), 0));

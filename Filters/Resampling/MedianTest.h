@@ -1,4 +1,6 @@
 #pragma once
+#include "Progress.h"
+
 #include <cstddef>
 #include <vector>
 
@@ -25,8 +27,9 @@ struct MedianTestResult {
 /// spares thin layers, which bend more than their neighbours show. Particles next to an outlier are looked at
 /// again without it, and so are the outliers. Values that are not finite are neither tested nor used. The
 /// result does not depend on the number of threads. positions, velocities, accelerations: three per particle,
-/// SI; accelerations may be null.
+/// SI; accelerations may be null. When progress aborts, nothing is tested to the end.
 MedianTestResult medianTest(const float* positions, const float* velocities, const float* accelerations,
-                            std::size_t count, const MedianTestOptions& options = {});
+                            std::size_t count, const MedianTestOptions& options = {},
+                            const Progress& progress = {});
 
 } // namespace rimflow

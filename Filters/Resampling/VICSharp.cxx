@@ -109,14 +109,15 @@ void maskBody(const Body& body, VICSharpResult& r) {
 
 VICSharpResult vicSharp(const VICSharpTracks& tracks, const VICSharpOptions& options,
                         const VICSharpCalibration* calibration, const Progress& progress) {
-  VICSharpProblem p = vicSharpProblem(tracks, options);
   VICSharpResult result;
+  VICSharpProblem p = vicSharpProblem(tracks, options, part(progress, 0, 0.1));
+  if ((result.aborted = p.aborted)) return result;
   result.grid = options.grid;
   result.particlesUsed = p.data.particles();
   result.outliers = p.outliers;
   result.particleSpacing = p.spacing;
   auto found =
-      calibration ? std::optional(*calibration) : calibrateVICSharp(p, options, part(progress, 0, 0.3));
+      calibration ? std::optional(*calibration) : calibrateVICSharp(p, options, part(progress, 0.1, 0.3));
   result.aborted = !found;
   if (result.aborted) return result;
   if (options.velocityNoise > 0) found->velocityNoise = options.velocityNoise;
@@ -170,12 +171,13 @@ VICSharpResult vicSharp(const VICSharpTracks& tracks, const VICSharpOptions& opt
   result.velocityMisfit = overNoise(model.velocityMisfits(), p.data.velocityWeight, found->velocityNoise);
   result.accelerationMisfit =
       overNoise(model.accelerationMisfits(), p.data.accelerationWeight, found->accelerationNoise);
+  if ((result.aborted = !goOn(progress, 1))) return result;
   writeFields(model, p, result);
   if (options.body) {
+    if ((result.aborted = !goOn(progress, 1))) return result;
     wallLayer(*options.body, options.grid.spacing[0], result);
     maskBody(*options.body, result);
   }
-  goOn(progress, 1);
   return result;
 }
 

@@ -264,7 +264,9 @@ std::optional<VICSharpCalibration> calibrateVICSharp(const VICSharpProblem& p, c
     return VICSharpCalibration{options.curvatureWeight, options.velocityNoise, options.accelerationNoise};
   const Grid whole = coarseGrid(
       p.grid, std::max(1., 0.5 * p.spacing / p.grid.spacing[0])); // about half the particle spacing
+  if (!goOn(progress, 0)) return {};
   Grid grid = calibrationGrid(whole, p.data, CalibrationNodes);
+  if (!goOn(progress, 0)) return {};
   VICSharpData data = dataWithin(p.data, grid);
   if (data.particles() < CalibrationParticles) grid = whole, data = dataWithin(p.data, grid);
   const auto heldOut = heldOutParticles(data, grid, p.spacing, options.heldOut);
@@ -276,7 +278,9 @@ std::optional<VICSharpCalibration> calibrateVICSharp(const VICSharpProblem& p, c
 
 std::optional<VICSharpCalibration>
 calibrateVICSharp(const VICSharpTracks& tracks, const VICSharpOptions& options, const Progress& progress) {
-  return calibrateVICSharp(vicSharpProblem(tracks, options), options, progress);
+  const VICSharpProblem problem = vicSharpProblem(tracks, options, part(progress, 0, 0.1));
+  if (problem.aborted) return {};
+  return calibrateVICSharp(problem, options, part(progress, 0.1, 1));
 }
 
 } // namespace rimflow

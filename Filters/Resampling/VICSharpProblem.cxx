@@ -176,14 +176,18 @@ void weighByNoise(const VICSharpOptions& options, double velocityNoise, double a
   k.accelerationWeight = std::clamp(ratio, 0.1, 0.5);
 }
 
-VICSharpProblem vicSharpProblem(const VICSharpTracks& tracks, const VICSharpOptions& options) {
+VICSharpProblem vicSharpProblem(const VICSharpTracks& tracks, const VICSharpOptions& options,
+                                const Progress& progress) {
   check(tracks, options);
   VICSharpProblem p;
+  Watched watch(progress);
+  const Progress test = [&watch](double fraction) { return watch(0.8 * fraction); };
   // Gone altogether, not only of no weight: nothing is scaled, calibrated or judged by them.
-  const auto outlier =
-      options.outliers > 0
-          ? medianTest(tracks.positions, tracks.velocities, tracks.accelerations, tracks.count).outlier
-          : std::vector<unsigned char>();
+  const auto outlier = options.outliers > 0 ? medianTest(tracks.positions, tracks.velocities,
+                                                         tracks.accelerations, tracks.count, {}, test)
+                                                  .outlier
+                                            : std::vector<unsigned char>();
+  if ((p.aborted = !watch(0.8))) return p;
   const auto among = [&](const Grid& grid) {
     return usable(tracks, grid, options.body, outlier, p.outliers);
   };
@@ -216,6 +220,7 @@ VICSharpProblem vicSharpProblem(const VICSharpTracks& tracks, const VICSharpOpti
   k.accelerationWeight = options.accelerationWeight > 0 ? options.accelerationWeight : 0.3;
   weighByNoise(options, options.velocityNoise, options.accelerationNoise, k);
   k.curvatureWeight = options.curvatureWeight > 0 ? options.curvatureWeight : 0.0125;
+  if ((p.aborted = !watch(0.9))) return p;
   addWalls(options, p);
   return p;
 }

@@ -13,10 +13,12 @@ struct VICSharpProblem {
   VICSharpData data;
   std::size_t outliers; ///< left out of the data
   VICSharpConstants constants;
+  bool aborted = false; ///< then nothing else counts
 };
 
 /// Throws std::invalid_argument when there is too little to go on or an option is out of its range.
-VICSharpProblem vicSharpProblem(const VICSharpTracks& tracks, const VICSharpOptions& options);
+VICSharpProblem vicSharpProblem(const VICSharpTracks& tracks, const VICSharpOptions& options,
+                                const Progress& progress = {});
 
 /// alpha from these noise levels, so that each kind of data counts by its own noise, but within 0.1 to 0.5;
 /// unless the options give it or a level is not known (0).

@@ -66,11 +66,21 @@ public:
       const std::size_t n = values.size();
       return !aborted_ && (n <= Window || values[n - 1 - Window] - values[n - 1] > Window * gain_);
     };
-    const auto cost = [&](const std::vector<float>& x, std::vector<float>& g) { return model_->cost(x, g); };
-    const LBFGSResult result = LBFGS<float>(options).minimise(cost, x_, goOnWith);
+    struct Stopped {}; // out of a line search
+    const auto cost = [&](const std::vector<float>& x, std::vector<float>& g) {
+      if (!goOn(progress, std::min(1., double(values.size()) / maximum))) throw Stopped();
+      return model_->cost(x, g);
+    };
+    LBFGSResult result;
+    try {
+      result = LBFGS<float>(options).minimise(cost, x_, goOnWith);
+    } catch (const Stopped&) {
+      aborted_ = true;
+      result.status = LBFGSStatus::StoppedByCaller;
+    }
     if (result.status == LBFGSStatus::NoProgress) { // the model stands where a trial failed
       std::vector<float> gradient(x_.size());
-      cost(x_, gradient);
+      model_->cost(x_, gradient);
     }
     return result;
   }

@@ -4,8 +4,9 @@
 #include "VICSharp.h"
 #include "vtkBodyFromPolyData.h"
 #include "vtkFieldOutput.h"
-#include "vtkFilterInput.h"
+#include "vtkFilterProgress.h"
 #include "vtkGridFromImage.h"
+#include "vtkResultCache.h"
 #include "vtkUpstream.h"
 
 #include "vtkFieldData.h"
@@ -91,6 +92,7 @@ struct vtkVICSharpResample::Internals {
   std::string settings;      // that all this belongs to; empty: not yet
   vtkMTimeType upstream = 0; // of everything that the particles come from
   std::optional<rimflow::VICSharpCalibration> calibration;
+  rimflow::ResultCache results;
 };
 
 vtkVICSharpResample::vtkVICSharpResample() : State(new Internals) {
@@ -108,7 +110,7 @@ int vtkVICSharpResample::FillInputPortInformation(int port, vtkInformation* info
 }
 
 /// The particles in the middle of the series; where they are too few to stand for it (a broken snapshot),
-/// those of the nearest time that has enough.
+/// those of the nearest time that has enough. Null when the user stopped what they come from.
 vtkPolyData* vtkVICSharpResample::SampleOfSeries(vtkInformation* in) {
   constexpr vtkIdType Enough = 100;
   vtkAlgorithm* producer = this->GetInputAlgorithm(0, 0);
@@ -117,22 +119,25 @@ vtkPolyData* vtkVICSharpResample::SampleOfSeries(vtkInformation* in) {
       producer->UpdateTimeStep(in->Get(Pipeline::TIME_STEPS())[step]);
     else
       producer->Update();
-    return vtkPolyData::SafeDownCast(this->GetInputDataObject(0, 0));
+    const bool stopped = this->GetAbortExecute() || rimflow::aborted(producer);
+    return stopped ? nullptr : vtkPolyData::SafeDownCast(this->GetInputDataObject(0, 0));
   };
   const int steps = in->Length(Pipeline::TIME_STEPS());
   if (steps == 0) return particlesAt(-1);
   const int middle = steps / 2;
   for (int distance = 0; distance <= middle; ++distance)
     for (int step : {middle + distance, middle - distance}) {
-      vtkPolyData* particles = step < steps ? particlesAt(step) : nullptr;
-      if (particles && particles->GetNumberOfPoints() >= Enough) return particles;
+      if (step >= steps) continue;
+      vtkPolyData* particles = particlesAt(step);
+      if (!particles || particles->GetNumberOfPoints() >= Enough) return particles;
     }
   return particlesAt(middle);
 }
 
 /// The grid is the same at all times: it is laid out for the snapshot in the middle of the series, and noise
 /// and smoothness are found from that one too, so that no result depends on where the user looked first.
-void vtkVICSharpResample::LayOut(vtkInformation* in) {
+/// False: stopped by the user.
+bool vtkVICSharpResample::LayOut(vtkInformation* in) {
   std::ostringstream settings;
   settings.precision(17); // every digit of a double
   settings << this->Spacing << " " << this->UseBounds << " " << this->Viscosity << " " << this->VelocityNoise
@@ -144,26 +149,27 @@ void vtkVICSharpResample::LayOut(vtkInformation* in) {
   }
   const vtkMTimeType upstream = rimflow::upstreamMTime(this, 0);
   Internals& state = *this->State;
-  if (settings.str() == state.settings && upstream == state.upstream) return;
+  if (settings.str() == state.settings && upstream == state.upstream) return true;
   state = Internals();
+  state.results.setLimit(this->CacheSize);
   vtkPolyData* particles = this->SampleOfSeries(in);
+  if (!particles) return false;
   std::optional<std::array<double, 6>> bounds;
   if (this->UseBounds) {
     bounds.emplace();
     std::copy_n(this->Bounds, 6, bounds->begin());
   }
   const auto positions =
-      particles && particles->GetPoints() ? rimflow::asFloat(particles->GetPoints()->GetData()) : nullptr;
+      particles->GetPoints() ? rimflow::asFloat(particles->GetPoints()->GetData()) : nullptr;
   state.grid = rimflow::resamplingGrid(positions ? positions->GetPointer(0) : nullptr,
                                        positions ? std::size_t(positions->GetNumberOfTuples()) : 0,
                                        this->Spacing, bounds);
   state.sample = tracksOf(this, particles, this->UseAcceleration);
-  if (particles) {
-    state.sampleVelocityNoise = fieldNumber(particles, "VelocityNoise");
-    state.sampleAccelerationNoise = fieldNumber(particles, "AccelerationNoise");
-  }
+  state.sampleVelocityNoise = fieldNumber(particles, "VelocityNoise");
+  state.sampleAccelerationNoise = fieldNumber(particles, "AccelerationNoise");
   state.settings = settings.str();
   state.upstream = upstream;
+  return true;
 }
 
 int vtkVICSharpResample::RequestInformation(vtkInformation*, vtkInformationVector** inputs,
@@ -171,7 +177,7 @@ int vtkVICSharpResample::RequestInformation(vtkInformation*, vtkInformationVecto
   vtkInformation* in = inputs[0]->GetInformationObject(0);
   vtkInformation* out = outputs->GetInformationObject(0);
   try {
-    this->LayOut(in);
+    if (!this->LayOut(in)) return 1;
   } catch (const std::invalid_argument& error) {
     vtkErrorMacro("The tracks cannot be resampled: " << error.what() << ".");
     return 0;
@@ -188,17 +194,14 @@ int vtkVICSharpResample::RequestUpdateExtent(vtkInformation*, vtkInformationVect
   return 1; // the particles know no extents: nothing of the image's request is theirs
 }
 
-std::function<bool(double)> vtkVICSharpResample::ProgressBetween(double from, double to) {
-  return [this, from, to](double fraction) {
-    this->UpdateProgress(from + (to - from) * fraction);
-    return !rimflow::aborted(this);
-  };
-}
-
 int vtkVICSharpResample::RequestData(vtkInformation*, vtkInformationVector** inputs,
                                      vtkInformationVector* outputs) {
   vtkImageData* output = vtkImageData::GetData(outputs);
   output->Initialize();
+  // The grid and the calibration are those of the series.
+  const vtkMTimeType stamp = this->State->upstream;
+  if (this->State->settings.empty()) return 1; // the user stopped before there was a grid
+  if (this->State->results.restore(this, inputs, outputs, stamp)) return 1;
   vtkPolyData* particles = vtkPolyData::GetData(inputs[0]);
   vtkPolyData* bodyData =
       inputs[1]->GetNumberOfInformationObjects() > 0 ? vtkPolyData::GetData(inputs[1]) : nullptr;
@@ -223,8 +226,8 @@ int vtkVICSharpResample::RequestData(vtkInformation*, vtkInformationVector** inp
     options.leastAccelerationNoise = state.sampleAccelerationNoise;
     const bool warm = this->WarmStart && state.sample.velocities;
     if (warm && !state.calibration) {
-      state.calibration =
-          rimflow::calibrateVICSharp(state.sample.view(), options, this->ProgressBetween(0, 0.3));
+      state.calibration = rimflow::calibrateVICSharp(
+          state.sample.view(), options, rimflow::progressOf(this, "VIC#: noise and smoothness", 0, 0.3));
       if (!state.calibration) return 1; // aborted: the output stays empty
     }
     options.leastVelocityNoise = fieldNumber(particles, "VelocityNoise");
@@ -232,7 +235,7 @@ int vtkVICSharpResample::RequestData(vtkInformation*, vtkInformationVector** inp
     if (bodyData) options.body = rimflow::bodyOf(bodyData);
     const rimflow::VICSharpResult result =
         rimflow::vicSharp(tracks.view(), options, warm ? &*state.calibration : nullptr,
-                          this->ProgressBetween(warm ? 0.3 : 0, 1));
+                          rimflow::progressOf(this, "VIC#: fit to the tracks", warm ? 0.3 : 0, 1));
     if (result.aborted) return 1;
     fill(output, result);
   } catch (const std::invalid_argument& error) {
@@ -246,7 +249,13 @@ int vtkVICSharpResample::RequestData(vtkInformation*, vtkInformationVector** inp
   if (data->Has(vtkDataObject::DATA_TIME_STEP()))
     output->GetInformation()->Set(vtkDataObject::DATA_TIME_STEP(),
                                   data->Get(vtkDataObject::DATA_TIME_STEP()));
+  this->State->results.keep(this, inputs, outputs, stamp);
   return 1;
+}
+
+void vtkVICSharpResample::SetCacheSize(int mebibytes) {
+  this->CacheSize = std::max(0, mebibytes);
+  this->State->results.setLimit(this->CacheSize);
 }
 
 void vtkVICSharpResample::PrintSelf(ostream& os, vtkIndent indent) {
@@ -258,5 +267,6 @@ void vtkVICSharpResample::PrintSelf(ostream& os, vtkIndent indent) {
      << indent << "AccelerationNoise: " << this->AccelerationNoise << "\n"
      << indent << "UseAcceleration: " << this->UseAcceleration << "\n"
      << indent << "MaximumIterations: " << this->MaximumIterations << "\n"
-     << indent << "WarmStart: " << this->WarmStart << "\n";
+     << indent << "WarmStart: " << this->WarmStart << "\n"
+     << indent << "CacheSize: " << this->CacheSize << "\n";
 }

@@ -24,7 +24,6 @@
 #include "vtkImageAlgorithm.h"
 #include "vtkRIMFlowFiltersModule.h"
 
-#include <functional>
 #include <memory>
 
 class vtkPolyData;
@@ -88,6 +87,14 @@ public:
   vtkBooleanMacro(WarmStart, bool);
   ///@}
 
+  ///@{
+  /// Memory for the results of times visited before, MiB, >= 0: going back to one of them is then instant.
+  /// What was not used for longest goes first; 0: nothing is kept. Default 256. A result is shown again only
+  /// where the settings and all that the inputs hold are the same. Setting it changes no result.
+  void SetCacheSize(int mebibytes);
+  vtkGetMacro(CacheSize, int);
+  ///@}
+
 protected:
   vtkVICSharpResample();
   ~vtkVICSharpResample() override;
@@ -106,14 +113,14 @@ protected:
   bool UseAcceleration = true;
   int MaximumIterations = 300;
   bool WarmStart = true;
+  int CacheSize = 256;
 
 private:
   vtkVICSharpResample(const vtkVICSharpResample&) = delete;
   void operator=(const vtkVICSharpResample&) = delete;
 
-  void LayOut(vtkInformation* particles);
+  bool LayOut(vtkInformation* particles);
   vtkPolyData* SampleOfSeries(vtkInformation* particles);
-  std::function<bool(double)> ProgressBetween(double from, double to);
 
   struct Internals;
   std::unique_ptr<Internals> State;

@@ -3,15 +3,24 @@
 #include "QCriterionKernel.h"
 #include "vtkGridFromImage.h"
 
-#include "vtkFilterInput.h"
+#include "vtkFilterProgress.h"
 #include "vtkInformation.h"
 #include "vtkInformationVector.h"
 #include "vtkNew.h"
 #include "vtkObjectFactory.h"
+#include "vtkResultCache.h"
+
+#include <algorithm>
 
 vtkStandardNewMacro(vtkQCriterion);
 
-vtkQCriterion::vtkQCriterion() {
+struct vtkQCriterion::Internals {
+  rimflow::ResultCache results;
+};
+
+vtkQCriterion::~vtkQCriterion() = default;
+
+vtkQCriterion::vtkQCriterion() : State(new Internals) {
   this->SetInputArrayToProcess(0, 0, 0, vtkDataObject::FIELD_ASSOCIATION_POINTS, "Velocity");
 }
 
@@ -37,7 +46,7 @@ int vtkQCriterion::RequestData(vtkInformation*, vtkInformationVector** inputs,
     vtkErrorMacro("Order is " << this->Order << "; it must be 2 or 4.");
     return 0;
   }
-  if (input->GetNumberOfPoints() == 0) return 1;
+  if (input->GetNumberOfPoints() == 0 || this->State->results.restore(this, inputs, outputs)) return 1;
   vtkDataArray* array = rimflow::pointVectors(this, input, 0, "Velocity");
   if (!array) {
     vtkErrorMacro("No velocity found: the input has " << rimflow::arrayNames(input)
@@ -54,17 +63,20 @@ int vtkQCriterion::RequestData(vtkInformation*, vtkInformationVector** inputs,
   const auto vorticity = addArray(result, "Vorticity", 3, this->ComputeVorticity);
   const auto lambda2 = addArray(result, "Lambda2", 1, this->ComputeLambda2);
   const auto divergence = addArray(result, "Divergence", 1, this->ComputeDivergence);
-  const auto progress = [this](double fraction) {
-    this->UpdateProgress(fraction);
-    return !rimflow::aborted(this);
-  };
   if (!rimflow::qCriterion(rimflow::gridOf(input), velocity->GetPointer(0),
                            mask.empty() ? nullptr : mask.data(), this->Order,
-                           {pointer(q), pointer(vorticity), pointer(lambda2), pointer(divergence)}, progress))
+                           {pointer(q), pointer(vorticity), pointer(lambda2), pointer(divergence)},
+                           rimflow::progressOf(this, "Q-criterion")))
     return 1; // aborted: the output stays empty
   result->GetPointData()->SetActiveScalars("QCriterion");
   output->ShallowCopy(result);
+  this->State->results.keep(this, inputs, outputs);
   return 1;
+}
+
+void vtkQCriterion::SetCacheSize(int mebibytes) {
+  this->CacheSize = std::max(0, mebibytes);
+  this->State->results.setLimit(this->CacheSize);
 }
 
 void vtkQCriterion::PrintSelf(ostream& os, vtkIndent indent) {
@@ -72,5 +84,6 @@ void vtkQCriterion::PrintSelf(ostream& os, vtkIndent indent) {
   os << indent << "Order: " << this->Order << "\n"
      << indent << "ComputeVorticity: " << this->ComputeVorticity << "\n"
      << indent << "ComputeLambda2: " << this->ComputeLambda2 << "\n"
-     << indent << "ComputeDivergence: " << this->ComputeDivergence << "\n";
+     << indent << "ComputeDivergence: " << this->ComputeDivergence << "\n"
+     << indent << "CacheSize: " << this->CacheSize << "\n";
 }

@@ -18,6 +18,8 @@
 #include "vtkImageAlgorithm.h"
 #include "vtkRIMFlowFiltersModule.h"
 
+#include <memory>
+
 class VTKRIMFLOWFILTERS_EXPORT vtkQCriterion : public vtkImageAlgorithm {
 public:
   static vtkQCriterion* New();
@@ -53,9 +55,17 @@ public:
   vtkBooleanMacro(ComputeDivergence, bool);
   ///@}
 
+  ///@{
+  /// Memory for the results of times visited before, MiB, >= 0: going back to one of them is then instant.
+  /// What was not used for longest goes first; 0: nothing is kept. Default 256. A result is shown again only
+  /// where the settings and all that the inputs hold are the same. Setting it changes no result.
+  void SetCacheSize(int mebibytes);
+  vtkGetMacro(CacheSize, int);
+  ///@}
+
 protected:
   vtkQCriterion();
-  ~vtkQCriterion() override = default;
+  ~vtkQCriterion() override;
 
   int RequestData(vtkInformation*, vtkInformationVector**, vtkInformationVector*) override;
 
@@ -63,10 +73,14 @@ protected:
   bool ComputeVorticity = false;
   bool ComputeLambda2 = false;
   bool ComputeDivergence = false;
+  int CacheSize = 256;
 
 private:
   vtkQCriterion(const vtkQCriterion&) = delete;
   void operator=(const vtkQCriterion&) = delete;
+
+  struct Internals;
+  std::unique_ptr<Internals> State;
 };
 
 #endif
