@@ -204,6 +204,8 @@ class FlowChain:
         self.force.SetViscosity(options.viscosity)
         self.force.SetBodyDensity(options.body_density or 0)
         self.force.SetGravity(*gravity(options))
+        for step in (self.resample, self.vortices, self.pressure, self.force):
+            step.SetCacheSize(0)  # no snapshot comes twice
         self.errors.watch(self.resample, self.vortices, self.pressure, self.force)
         self.resample.UpdateInformation()  # reads a snapshot from the middle of the series: where that one is broken, this is not ...
         self.errors.messages.clear()       # ... the fault of the snapshot that comes first
