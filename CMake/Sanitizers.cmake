@@ -27,5 +27,8 @@ elseif(RIMFLOW_SANITIZER STREQUAL "thread")
 elseif(RIMFLOW_SANITIZER)
   message(FATAL_ERROR "RIMFLOW_SANITIZER is '${RIMFLOW_SANITIZER}'; it must be address, thread or empty.")
 endif()
+if(RIMFLOW_SANITIZER)
+  message(STATUS "With run-time checks: ${rimflow_sanitizer_flags}") # CMake forgets a preset's variables when the compiler changes
+endif()
 add_compile_options(${rimflow_sanitizer_flags})
 add_link_options(${rimflow_sanitizer_flags})

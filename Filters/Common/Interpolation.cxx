@@ -123,21 +123,23 @@ void Sampler<Real>::addAllTransposed(const std::array<const Real*, Fields>& valu
   // that no two threads meet and every node sums in the same order.
   withConstants(points_, [&](auto x, auto y, auto z) {
     constexpr int nx = decltype(x)::value, ny = decltype(y)::value, nz = decltype(z)::value;
+    // Apart from the parallel loop: Clang 14 takes no captures of the outer lambda into it.
+    const auto addLayer = [&](int layer) {
+      forEachSpread(layerStart_[layer], layerStart_[layer + 1], [&](std::size_t p) {
+        const Point& q = point_[p];
+        std::array<Row<nx>, Fields> row;
+        for (int c = 0; c < Fields; ++c) row[c] = values[c][q.given] * Eigen::Map<const Row<nx>>(q.weight[0]);
+        for (int k = 0; k < nz; ++k)
+          for (int j = 0; j < ny; ++j) {
+            const std::size_t node = q.node + j * sy + k * sz;
+            const Real w = q.weight[1][j] * q.weight[2][k];
+            for (int c = 0; c < Fields; ++c) Eigen::Map<Row<nx>>(field[c] + node) += w * row[c];
+          }
+      });
+    };
     for (int phase = 0; phase < nz; ++phase) {
 #pragma omp parallel for schedule(static)
-      for (int layer = phase; layer < layers; layer += nz)
-        forEachSpread(layerStart_[layer], layerStart_[layer + 1], [&](std::size_t p) {
-          const Point& q = point_[p];
-          std::array<Row<nx>, Fields> row;
-          for (int c = 0; c < Fields; ++c)
-            row[c] = values[c][q.given] * Eigen::Map<const Row<nx>>(q.weight[0]);
-          for (int k = 0; k < nz; ++k)
-            for (int j = 0; j < ny; ++j) {
-              const std::size_t node = q.node + j * sy + k * sz;
-              const Real w = q.weight[1][j] * q.weight[2][k];
-              for (int c = 0; c < Fields; ++c) Eigen::Map<Row<nx>>(field[c] + node) += w * row[c];
-            }
-        });
+      for (int layer = phase; layer < layers; layer += nz) addLayer(layer);
     }
   });
 }
