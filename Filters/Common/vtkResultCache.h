@@ -48,7 +48,8 @@ public:
   std::size_t size() const { return held_; }
   std::size_t count() const { return entries_.size(); }
 
-  /// Fills the outputs if the result for these inputs is known. stamp: of anything else that the result
+  /// Fills the outputs if the result for these inputs is known; else remembers the inputs for keep(), because
+  /// a filter may move them to another time while it computes. stamp: of anything else that the result
   /// depends on.
   bool restore(vtkAlgorithm* filter, vtkInformationVector** inputs, vtkInformationVector* outputs,
                vtkMTimeType stamp = 0) {
@@ -60,21 +61,23 @@ public:
       entries_.splice(entries_.begin(), entries_, entry);
       return true;
     }
+    asked_ = Entry();
+    if (limit_ == 0) return false;
+    for (vtkDataObject* input : objectsOf(filter, inputs)) {
+      asked_.inputs.push_back(copyOf(input));
+      for (vtkAbstractArray* array : arraysOf(input)) asked_.times.push_back(array->GetMTime());
+    }
     return false;
   }
 
-  /// Keeps what the filter has just put out for these inputs.
-  void keep(vtkAlgorithm* filter, vtkInformationVector** inputs, vtkInformationVector* outputs,
-            vtkMTimeType stamp = 0) {
+  /// Keeps what the filter has just put out for the inputs that restore() did not know.
+  void keep(vtkAlgorithm* filter, vtkInformationVector* outputs, vtkMTimeType stamp = 0) {
     if (filter->GetMTime() != modified_ || stamp != stamp_) clear();
     modified_ = filter->GetMTime();
     stamp_ = stamp;
-    if (limit_ == 0) return;
-    Entry entry;
-    for (vtkDataObject* input : objectsOf(filter, inputs)) {
-      entry.inputs.push_back(copyOf(input));
-      for (vtkAbstractArray* array : arraysOf(input)) entry.times.push_back(array->GetMTime());
-    }
+    Entry entry = std::move(asked_);
+    asked_ = Entry();
+    if (limit_ == 0 || entry.inputs.empty()) return;
     for (int port = 0; port < filter->GetNumberOfOutputPorts(); ++port)
       entry.outputs.push_back(copyOf(vtkDataObject::GetData(outputs, port)));
     entry.kibibytes = memoryOf(entry);
@@ -204,6 +207,7 @@ private:
   }
 
   std::list<Entry> entries_; // the latest first
+  Entry asked_;              // the inputs of what is being computed
   std::size_t limit_ = 0, held_ = 0;
   vtkMTimeType modified_ = 0, stamp_ = 0;
 };

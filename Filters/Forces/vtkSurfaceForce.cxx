@@ -296,7 +296,7 @@ int vtkSurfaceForce::RequestData(vtkInformation*, vtkInformationVector** inputs,
   if (hasTime)
     for (vtkDataObject* output : std::initializer_list<vtkDataObject*>{surface, table})
       output->GetInformation()->Set(vtkDataObject::DATA_TIME_STEP(), time);
-  this->State->results.keep(this, inputs, outputs);
+  this->State->results.keep(this, outputs);
   return 1;
 }
 

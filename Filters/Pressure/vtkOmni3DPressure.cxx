@@ -314,7 +314,7 @@ int vtkOmni3DPressure::RequestData(vtkInformation*, vtkInformationVector** input
                        std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
     output->ShallowCopy(s.image);
     if (s.hasTime) output->GetInformation()->Set(vtkDataObject::DATA_TIME_STEP(), s.time);
-    this->State->results.keep(this, inputs, outputs, stamp);
+    this->State->results.keep(this, outputs, stamp);
   } catch (const std::invalid_argument& error) {
     vtkErrorMacro("The pressure cannot be integrated: " << error.what() << ".");
     return 0;

@@ -249,7 +249,7 @@ int vtkVICSharpResample::RequestData(vtkInformation*, vtkInformationVector** inp
   if (data->Has(vtkDataObject::DATA_TIME_STEP()))
     output->GetInformation()->Set(vtkDataObject::DATA_TIME_STEP(),
                                   data->Get(vtkDataObject::DATA_TIME_STEP()));
-  this->State->results.keep(this, inputs, outputs, stamp);
+  this->State->results.keep(this, outputs, stamp);
   return 1;
 }
 

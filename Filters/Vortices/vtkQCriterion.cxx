@@ -70,7 +70,7 @@ int vtkQCriterion::RequestData(vtkInformation*, vtkInformationVector** inputs,
     return 1; // aborted: the output stays empty
   result->GetPointData()->SetActiveScalars("QCriterion");
   output->ShallowCopy(result);
-  this->State->results.keep(this, inputs, outputs);
+  this->State->results.keep(this, outputs);
   return 1;
 }
 
