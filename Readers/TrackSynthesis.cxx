@@ -1,10 +1,8 @@
 #include "TrackSynthesis.h"
 
 #include <algorithm>
-#include <atomic>
 #include <cmath>
 #include <limits>
-#include <omp.h>
 #include <sstream>
 #include <stdexcept>
 #include <string>
@@ -437,7 +435,6 @@ TrackSynthesis& TrackSynthesis::operator=(TrackSynthesis&&) noexcept = default;
 
 bool TrackSynthesis::prepare(const TrackSynthesisOptions& options, const Progress& progress) {
   check(options);
-  if (!goOn(progress, 0)) return false;
   auto next = std::make_unique<Implementation>();
   next->options = options;
   next->random = RandomTree(options.seed).at(0);
@@ -464,21 +461,16 @@ bool TrackSynthesis::prepare(const TrackSynthesisOptions& options, const Progres
 
   const std::int64_t count = (next->seeds + ChunkSize - 1) / ChunkSize;
   next->chunks.resize(count);
-  std::atomic<bool> aborted{false};
-  std::atomic<std::int64_t> done{0};
-#pragma omp parallel for schedule(dynamic)
-  for (std::int64_t c = 0; c < count; ++c) {
-    if (aborted) continue;
+  const bool all = forEachPiece(std::size_t(count), progress, [&](std::size_t c, const Progress&) {
     Chunk chunk;
-    for (std::int64_t i = c * ChunkSize; i < std::min(next->seeds, (c + 1) * ChunkSize); ++i)
+    const std::int64_t first = std::int64_t(c) * ChunkSize;
+    for (std::int64_t i = first; i < std::min(next->seeds, first + ChunkSize); ++i)
       next->prepareTracer(i, chunk);
     chunk.places.shrink_to_fit();
     chunk.intervals.shrink_to_fit();
     next->chunks[c] = std::move(chunk);
-    ++done;
-    if (omp_get_thread_num() == 0 && !goOn(progress, double(done) / count)) aborted = true;
-  }
-  if (aborted) return false;
+  });
+  if (!all) return false;
   implementation_ = std::move(next);
   return true;
 }

@@ -37,7 +37,8 @@ private:
 };
 
 /// f(piece, progress of this piece) for the pieces 0 to count - 1, in parallel. Only the first thread calls
-/// `progress`, also while it waits for the others; these learn from it whether to stop. Pieces that are not
+/// `progress`: at the beginning, at the end, and also while it waits for the others; these learn from it
+/// whether to stop. Pieces that are not
 /// begun when it says stop are left out. False: aborted. f must not throw.
 template <class F>
 bool forEachPiece(std::size_t count, const Progress& progress, F&& f) {
@@ -47,15 +48,19 @@ bool forEachPiece(std::size_t count, const Progress& progress, F&& f) {
   {
     const bool first = omp_get_thread_num() == 0;
     const Progress report = [&](double fraction) {
-      if (first && !goOn(progress, std::min(1., (double(done) + fraction) / double(count)))) stopped = true;
+      if (first &&
+          !goOn(progress, std::min(1., (double(done) + fraction) / double(std::max<std::size_t>(count, 1)))))
+        stopped = true;
       return !stopped;
     };
+    report(0);
     for (std::size_t piece; !stopped && (piece = next++) < count; ++done)
       if (report(0)) f(piece, report);
     while (first && !stopped && done < count) {
       std::this_thread::sleep_for(std::chrono::milliseconds(5));
       report(0);
     }
+    if (!stopped) report(0);
   }
   return !stopped;
 }

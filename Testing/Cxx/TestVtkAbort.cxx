@@ -35,7 +35,8 @@ struct Watch {
   std::vector<Event> events;
   Event stopAt{2, ""};
   bool stopped = false;
-  int after = 0; ///< events since then
+  double stoppedAt = 1; ///< progress
+  int after = 0;        ///< events since then
 
   void see(vtkAlgorithm* filter) {
     const char* text = filter->GetProgressText();
@@ -43,6 +44,7 @@ struct Watch {
     after += stopped;
     if (stopped || events.back().step != stopAt.step || filter->GetProgress() < stopAt.progress) return;
     stopped = true;
+    stoppedAt = filter->GetProgress();
     filter->SetAbortExecute(1);
   }
   static void callback(vtkObject* caller, unsigned long, void* watch, void*) {
@@ -85,18 +87,22 @@ void expectThatEveryStepStops(const std::function<Algorithm()>& make, double tim
     for (const Watch::Event& e : reference.events)
       if (e.step == step) ofStep.push_back(e);
     ASSERT_FALSE(ofStep.empty()) << "no progress of: " << step;
-    for (const Watch::Event& at : {ofStep.front(), ofStep[ofStep.size() / 2]}) {
-      if (at.progress >= 1) continue; // the end of all
+    for (const std::size_t which : {std::size_t(0), ofStep.size() / 2}) {
+      Watch::Event at = ofStep[which];
+      if (at.progress >= 1) continue;  // the end of all
+      if (which == 0) at.progress = 0; // a quick step may be done when it is first reported
       SCOPED_TRACE(step + " at " + std::to_string(at.progress));
       const Algorithm filter = make();
       vtkNew<vtkTest::ErrorObserver> errors;
       filter->AddObserver(vtkCommand::ErrorEvent, errors);
       const Watch watch = update(filter, time, at);
+      // The first event of a step always comes; how many follow before the end depends on the machine.
+      if (which > 0 && watch.stoppedAt >= 1) continue;
       ASSERT_TRUE(watch.stopped);
       EXPECT_LE(watch.after, 2); // what the pipeline says at the end
       EXPECT_EQ(sizes(filter), std::vector<vtkIdType>(std::size_t(filter->GetNumberOfOutputPorts()), 0));
       EXPECT_FALSE(errors->GetError());
-      if (at.progress < ofStep[ofStep.size() / 2].progress) continue; // once per step is enough
+      if (which == 0 && ofStep.size() > 1) continue; // once per step is enough
       filter->SetAbortExecute(0);
       update(filter, time);
       EXPECT_EQ(sizes(filter), sizes(whole));
