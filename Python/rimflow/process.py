@@ -281,7 +281,7 @@ class Run:
         if not (self.options.resume and all(map(os.path.exists, needed))):
             return False
         record = read_json(needed[0])
-        return not record["failed"] and record["sphere"] == sphere
+        return not record["failed"] and record.get("sphere") == sphere
 
     def wake_of(self, trajectory):
         """A function from a flow to what the movie shows of it."""
