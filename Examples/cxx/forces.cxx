@@ -19,6 +19,7 @@
 #include <vtkVariant.h>
 #include <vtkXMLPolyDataWriter.h>
 
+#include <algorithm>
 #include <cstdio>
 #include <stdexcept>
 #include <string>
@@ -118,7 +119,7 @@ void run(const std::vector<std::string>& arguments) {
   const std::vector<double> times = pipeline.Times();
   const std::size_t step = arguments.size() > 5 ? std::max(1, std::stoi(arguments[5])) : 5;
   std::printf("    time [s]   drag [mN]       Cd\n");
-  for (std::size_t i = step / 2; i < times.size(); i += step) {
+  for (std::size_t i = std::min(step / 2, times.size() - 1); i < times.size(); i += step) {
     pipeline.Update(times[i]);
     std::printf("%12.6f %11.3f %8.3f  %s\n", times[i], 1e3 * pipeline.Column("drag_N").ToDouble(),
                 pipeline.Column("Cd").ToDouble(), pipeline.Column("note").ToString().c_str());

@@ -40,7 +40,7 @@ inline vtkIdType numberOfBodies(vtkPolyData* data) {
 inline bool significant(const Eigen::Vector3d& vector, const Eigen::Vector3d& sigma) {
   constexpr double ChiSquared = 14.16; // of three components
   if (sigma.minCoeff() < 0) return false;
-  return sigma.minCoeff() == 0 || vector.cwiseQuotient(sigma).squaredNorm() > ChiSquared;
+  return sigma.maxCoeff() == 0 || vector.cwiseQuotient(sigma).squaredNorm() > ChiSquared;
 }
 
 /// The body at index `which`, 0 to numberOfBodies - 1. Nothing when the data says that there is no body (the
@@ -68,7 +68,7 @@ inline std::optional<Body> bodyOf(vtkPolyData* data, vtkIdType which = 0) {
     Eigen::Vector3d sigma = Eigen::Vector3d::Zero();
     if (vtkDataArray* array = find(name, 3)) array->GetTuple(which, value.data());
     if (vtkDataArray* array = find(sigmaName, 3)) array->GetTuple(which, sigma.data());
-    if (!significant(value, sigma)) value.setZero();
+    if (value.allFinite() && !significant(value, sigma)) value.setZero();
   };
   motion("Acceleration", "AccelerationSigma", body.acceleration);
   motion("AngularVelocity", "AngularVelocitySigma", body.angularVelocity);
@@ -99,12 +99,12 @@ inline Eigen::Matrix3d centreCovarianceOf(vtkPolyData* data, vtkIdType which) {
 }
 
 /// The covariance of a body's acceleration, m2/s4, from `AccelerationSigma`(3), which the smoothed trajectory
-/// has; 0 when it is not told.
+/// has; 0 when it is not told or negative (not known).
 inline Eigen::Matrix3d accelerationCovarianceOf(vtkPolyData* data, vtkIdType which) {
   Eigen::Vector3d sigma = Eigen::Vector3d::Zero();
   vtkDataArray* array = bodyArray(data, "AccelerationSigma", 3);
   if (array && which < array->GetNumberOfTuples()) array->GetTuple(which, sigma.data());
-  return sigma.cwiseAbs2().asDiagonal();
+  return sigma.cwiseMax(0).cwiseAbs2().asDiagonal();
 }
 
 } // namespace rimflow

@@ -69,6 +69,9 @@ public:
                                            {"Centre", 3},
                                            {"Velocity", 3},
                                            {"Acceleration", 3},
+                                           {"AccelerationSigma", 3},
+                                           {"AngularVelocity", 3},
+                                           {"AngularVelocitySigma", 3},
                                            {"Covariance", 6},
                                            {"Sigma", 3},
                                            {"SigmaTensor", 9},
@@ -104,7 +107,11 @@ public:
     tuple("Time", &time);
     tuple("Centre", s.found ? s.centre.data() : Eigen::Vector3d::Constant(Nothing).eval().data());
     tuple("Velocity", velocity.data());
-    tuple("Acceleration", Eigen::Vector3d::Zero().eval().data());
+    const Eigen::Vector3d zero = Eigen::Vector3d::Zero(), notKnown = Eigen::Vector3d::Constant(-1);
+    tuple("Acceleration", zero.data());
+    tuple("AccelerationSigma", notKnown.data());
+    tuple("AngularVelocity", zero.data());
+    tuple("AngularVelocitySigma", notKnown.data());
     tuple("Covariance", packed);
     tuple("Sigma", sigma.data());
     tuple("SigmaTensor", root.data());
@@ -235,7 +242,8 @@ vtkSmartPointer<vtkPolyData> centreOf(std::size_t sphere, double time, const Loc
   one.add(time, s);
   const vtkIdType at = pointAt(time, trajectory);
   if (at >= 0 && trajectory->GetPointData()->GetArray("RawCentre")) // smoothed
-    for (const char* name : {"Velocity", "Acceleration"})
+    for (const char* name :
+         {"Velocity", "Acceleration", "AccelerationSigma", "AngularVelocity", "AngularVelocitySigma"})
       one.data()->GetPointData()->GetArray(name)->SetTuple(0, at, trajectory->GetPointData()->GetArray(name));
   makeVertex(one.data());
   return one.data();

@@ -27,7 +27,7 @@ def draw(out, trajectory, tracks, up, forces=None):
     row = found[len(found) // 2]
     scene = Scene(simple, out, trajectory, row, up)
     scene.tracks(tracks)
-    if os.path.exists(os.path.join(out, "fields.pvd")):
+    if os.path.exists(os.path.join(out, "fields.pvd")) and scene.speed > 0:
         scene.slice()
         scene.vortices()
     if forces and forces.surfaces:

@@ -199,8 +199,10 @@ def _checked(options):
 
 def settings(options):
     """What decides the results, as it stands in run.json; a resumed run must have the same."""
+    from rimflow import __version__
+
     return {
-        "tracks": options.tracks, "diameter_m": options.diameter, "density_kg_m3": options.density,
+        "rimflow": __version__, "tracks": options.tracks, "tracks_bytes": sum(map(os.path.getsize, options.tracks)), "diameter_m": options.diameter, "density_kg_m3": options.density,
         "viscosity_m2_s": options.viscosity, "body_density_kg_m3": options.body_density, "spacing_m": options.spacing,
         "up": list(options.up) if options.up else None, "steps": [options.steps.start, options.steps.stop, options.steps.step],
         "method": options.method, "fields": options.fields, "forces": not options.no_forces, "frame_period_s": options.frame_period,

@@ -1,5 +1,6 @@
 """The filters as a chain for headless runs, and what is written from their outputs. The wrapped VTK classes do the work."""
 import ctypes
+import json
 import os
 import sys
 import time as clock
@@ -8,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
-from vtkmodules.vtkCommonCore import VTK_STRING, vtkPoints, vtkVersion
+from vtkmodules.vtkCommonCore import VTK_STRING, vtkPoints, vtkUnsignedCharArray, vtkVersion
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkDataObject, vtkPolyData
 from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
 from vtkmodules.vtkFiltersSources import vtkSphereSource
@@ -56,6 +57,18 @@ class Ranks:
     def wait(self):
         if self.count > 1:
             self.controller.Barrier()
+
+    def gathered(self, texts):
+        """The texts of all ranks on the first one, nothing on the others."""
+        if self.count == 1:
+            return texts
+        mine = json.dumps(texts).encode()
+        length = int(self.largest(len(mine)))
+        padded, together = numpy_to_vtk(np.frombuffer(mine.ljust(length), np.uint8).copy(), deep=True), vtkUnsignedCharArray()
+        self.controller.Gather(padded, together, 0)
+        if not self.first:
+            return []
+        return [text for part in vtk_to_numpy(together).reshape(self.count, length) for text in json.loads(part.tobytes())]
 
     def largest(self, value):
         """The largest of the ranks' values, on all of them."""
@@ -173,6 +186,8 @@ def flow_filters(reader, options):
     if options.spacing:
         resample.SetSpacing(options.spacing)
     vortices.SetInputConnection(resample.GetOutputPort())
+    for step in (resample, vortices):
+        step.SetCacheSize(0)  # as a rule no snapshot comes twice
     return resample, vortices
 
 
@@ -204,7 +219,7 @@ class FlowChain:
         self.force.SetViscosity(options.viscosity)
         self.force.SetBodyDensity(options.body_density or 0)
         self.force.SetGravity(*gravity(options))
-        for step in (self.resample, self.vortices, self.pressure, self.force):
+        for step in (self.pressure, self.force):
             step.SetCacheSize(0)  # no snapshot comes twice
         self.errors.watch(self.resample, self.vortices, self.pressure, self.force)
         self.resample.UpdateInformation()  # reads a snapshot from the middle of the series: where that one is broken, this is not ...
@@ -405,12 +420,14 @@ def write_sphere_trajectory(path, trajectory, density_ratio):
         add_array(data.GetPointData(), name, values)
     writer, errors = vtkSphereTrajectoryWriter(), Errors()
     errors.watch(writer)
-    writer.SetFileName(path)
-    writer.SetDiameter(trajectory.diameter)
-    writer.SetDensityRatio(density_ratio)
-    writer.SetInputData(data)
-    writer.Write()
-    errors.check()
+    with files.replacing(path) as temporary:
+        writer.SetFileName(temporary)
+        writer.SetDiameter(trajectory.diameter)
+        writer.SetDensityRatio(density_ratio)
+        writer.SetInputData(data)
+        writer.Write()
+        if errors.messages:
+            raise OSError(None, "; ".join(errors.messages), path)
 
 
 def read_polydata(path):
@@ -421,8 +438,10 @@ def read_polydata(path):
 
 
 def surface_pressure(path):
-    """Points (n, 3) and pressure (n,) of a sphere's file."""
-    surface = read_polydata(path)
+    """Points (n, 3) and pressure (n,) of a sphere's file; None where it has none, or is not there."""
+    surface = read_polydata(path) if os.path.exists(path) else None
+    if not surface or not surface.GetPointData().HasArray("Pressure"):
+        return None
     return vtk_to_numpy(surface.GetPoints().GetData()).astype(float), vtk_to_numpy(surface.GetPointData().GetArray("Pressure")).astype(float)
 
 

@@ -7,6 +7,7 @@ Three passes; in the first and the last each rank has a contiguous share:
 In the end the first rank writes what concerns all snapshots: forces.csv, run.json, report/.
 The results do not depend on the number of ranks, nor on when a run was interrupted: what one snapshot learns from another is fixed by BLOCK.
 """
+import contextlib
 import hashlib
 import itertools
 import json
@@ -74,6 +75,8 @@ def main(arguments):
 class Run:
     def __init__(self, options, ranks):
         self.options, self.ranks = options, ranks
+        if options.ranks not in (1, ranks.count):
+            raise UsageError(f"--ranks is {options.ranks}, but MPI started {ranks.count}: start with mpirun -np {options.ranks} or an srun that fits the MPI")
         self.started, self.clock = time.strftime("%Y-%m-%d %H:%M:%S"), time.monotonic()
         self.chain = pipeline.Chain(options)
         self.times = self.chain.times()
@@ -82,7 +85,7 @@ class Run:
             raise UsageError(f"--steps selects none of the {len(self.times)} snapshots in {options.tracks[0]}")
         self.selected.sort()
         self.blocks = [self.selected[i:i + BLOCK] for i in range(0, len(self.selected), BLOCK)]
-        self.unwritten = []  # messages about files of this rank, and on the first rank in the end of all snapshots
+        self.unwritten = []  # messages about files that could not be written: this rank's, in the end on the first rank all of them
         self.timings = {}
         self.with_forces, self.with_fields = not options.no_forces, options.fields != "none"
         self.with_wake = options.movie and not self.with_fields  # else the movie takes it from the fields
@@ -96,6 +99,7 @@ class Run:
         trajectory = self.timed("smooth", self.smooth)
         self.timed("flow" if self.with_flow else "write", lambda: self.write(trajectory))
         self.memory = round(self.ranks.largest(memory_peak()))
+        self.unwritten = self.ranks.gathered(self.unwritten)
         if self.ranks.first:
             self.finish(trajectory)
         self.ranks.wait()  # a rank that fails ends the others
@@ -159,6 +163,7 @@ class Run:
         done = 0
         for block in mine:
             if not self.located(block):
+                self.forget(block)
                 self.chain.begin()
                 for i, k in enumerate(block):
                     if bar:
@@ -176,21 +181,28 @@ class Run:
         paths = [self.record_path(k) for k in block]
         return self.options.resume and all(os.path.exists(path) and not read_json(path).get("failed") for path in paths)
 
+    def forget(self, block):
+        """A block is searched as a whole, or not at all."""
+        for k in block:
+            with contextlib.suppress(FileNotFoundError):
+                os.remove(self.record_path(k))
+
     def lost_runs(self, records):
         """What was lost when nothing else was known yet, at the beginnings of blocks: (the last find before, neighbouring snapshots, the
         first find after), finds as records or None. What an interrupted run found by looking again counts as lost, as it did there."""
+        failed = lambda k: records[k].get("failed", False)  # also: not written; it is searched when the run is resumed
         lost = lambda k: records[k]["status"] == LOST or records[k].get("looked_again", False)
-        blind = {k for block in self.blocks for k in itertools.takewhile(lost, block)}
+        blind = {k for block in self.blocks for k in itertools.takewhile(lost, block) if not failed(k)}
         runs, before = [], None
         for is_blind, group in itertools.groupby(self.selected, lambda k: k in blind):
             group = list(group)
-            finds = [records[k] for k in group if not lost(k)]
             if is_blind:
                 runs.append([before, group, None])
                 continue
-            if runs:
-                runs[-1][2] = finds[0]
-            before = finds[-1]
+            finds = [records[k] for k in group if not lost(k)]
+            for run in runs:
+                run[2] = run[2] or next(iter(finds), None)
+            before = finds[-1] if finds else before
         return [run for run in runs if run[0] or run[2]]
 
     def look_again(self, before, lost, after):
@@ -217,15 +229,17 @@ class Run:
 
         self.written(write, f"snapshot {k}")
 
-    def written(self, write, what):
-        """Runs write(). A file that cannot be written is a line in the log, and the run goes on; returns the reason, or an empty text."""
+    def written(self, write, what, failures=OSError):
+        """Runs write(). A file that cannot be written is a line in the log, and the run goes on; returns the reason, or an empty text.
+        failures: the exceptions that are no more than that."""
         try:
             write()
             return ""
-        except OSError as error:
-            self.unwritten.append(f"{what}: {files.reason(error)}")
+        except failures as error:
+            reason = files.reason(error) if isinstance(error, OSError) else f"{type(error).__name__}: {error}"
+            self.unwritten.append(f"{what}: {reason}")
             print(f"rimflow process: {self.unwritten[-1]}", file=sys.stderr, flush=True)
-            return files.reason(error)
+            return reason
 
     def read_records(self):
         missing = {"status": LOST, "status_text": "what was found could not be written, see the log", "failed": True, "seconds": 0.0}
@@ -253,8 +267,9 @@ class Run:
         with np.load(smoothed) as arrays:
             trajectory = assembled(records, self.options.diameter, arrays)
         if self.ranks.first:
-            files.write_csv(self.path("trajectory.csv"), TRAJECTORY_COLUMNS, trajectory_rows(trajectory))
-            pipeline.write_sphere_trajectory(self.path("trajectory.dat"), trajectory, (self.options.body_density or 0) / self.options.density)
+            ratio = (self.options.body_density or 0) / self.options.density
+            self.written(lambda: files.write_csv(self.path("trajectory.csv"), TRAJECTORY_COLUMNS, trajectory_rows(trajectory)), "trajectory.csv")
+            self.written(lambda: pipeline.write_sphere_trajectory(self.path("trajectory.dat"), trajectory, ratio), "trajectory.dat")
         return trajectory
 
     def write(self, trajectory):
@@ -306,9 +321,11 @@ class Run:
         """One per selected snapshot; of a lost snapshot without fields nothing was computed."""
         nothing = {"quality": None, "forces": None, "note": "", "failed": "", "seconds": {}}
         missing = {**nothing, "failed": "the results could not be written, see the log"}
-        for k, status in zip(self.selected, trajectory.status):
-            wanted = self.with_flow and (status != LOST or self.with_fields)
-            yield read_json(self.flow_record_path(k)) if os.path.exists(self.flow_record_path(k)) else {"snapshot": k, **(missing if wanted else nothing)}
+        for row, k in enumerate(self.selected):
+            there = os.path.exists(self.flow_record_path(k))
+            record = read_json(self.flow_record_path(k)) if there else {}
+            wanted = self.with_flow and (trajectory.status[row] != LOST or self.with_fields)
+            yield record if record.get("sphere") == trajectory.digest(row) else {"snapshot": k, **(missing if wanted else nothing)}
 
     def finish(self, trajectory):
         """What one rank writes when all the others have written theirs."""
@@ -326,11 +343,11 @@ class Run:
         if self.with_forces:
             loads = forces.assembled(flows, trajectory, options.density)
             self.written(lambda: files.write_csv(self.path("forces.csv"), forces.COLUMNS + forces.FURTHER, loads.rows()), "forces.csv")
-            loads.surfaces = {row: pipeline.surface_pressure(self.sphere_path(self.selected[row])) for row in loads.instants
-                              if os.path.exists(self.sphere_path(self.selected[row]))}
+            surfaces = {row: pipeline.surface_pressure(self.sphere_path(self.selected[row])) for row in loads.instants}
+            loads.surfaces = {row: surface for row, surface in surfaces.items() if surface}
         run = self.summary(trajectory, flows, loads)
-        self.written(lambda: write_report(self.path("report"), trajectory, run, loads), "report")
         self.written(lambda: files.write_json(self.path("run.json"), run), "run.json")
+        self.written(lambda: write_report(self.path("report"), trajectory, run, loads), "report")
         if options.images or options.movie:  # last: without a working display ParaView ends the process
             self.draw(trajectory, loads)
             self.written(lambda: write_report(self.path("report"), trajectory, run, loads), "report")
@@ -344,9 +361,13 @@ class Run:
 
         up = self.options.up or (0, 1, 0)
         if self.options.images:
-            self.written(lambda: images.draw(self.options.out, trajectory, self.options.tracks, up, loads), "pictures")
+            self.written(lambda: images.draw(self.options.out, trajectory, self.options.tracks, up, loads), "pictures", Exception)
         if self.options.movie:
-            self.written(lambda: movie.draw(self.options.out, trajectory, loads, up), "movie")
+            self.written(lambda: self.draw_movie(movie, trajectory, loads, up), "movie", Exception)
+
+    def draw_movie(self, movie, trajectory, loads, up):
+        for k, reason in movie.draw(self.options.out, trajectory, loads, up):
+            print(f"rimflow process: snapshot {k} is not in the movie: {reason}", file=sys.stderr)
 
     def summary(self, trajectory, flows, loads):
         """What stands in run.json."""

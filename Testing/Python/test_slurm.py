@@ -8,7 +8,7 @@ import tempfile
 import unittest
 
 SOURCE = os.environ["RIMFLOW_SOURCE"]
-SRUN = '#!/bin/sh\nexec mpirun --oversubscribe -np "$SLURM_NTASKS" "$@"\n'
+SRUN = '#!/bin/sh\n[ "$1" = --kill-on-bad-exit=1 ] && shift || exit 9\nexec mpirun --oversubscribe -np "$SLURM_NTASKS" "$@"\n'
 
 
 class TestSlurm(unittest.TestCase):
@@ -37,6 +37,9 @@ class TestSlurm(unittest.TestCase):
             record = os.path.join(self.folder, "results", "sphere", "snapshots", "000006.json")
             first = os.stat(record).st_mtime_ns
         self.assertEqual(os.stat(record).st_mtime_ns, first)
+        twice = self.submit(1, "elsewhere/sphere.dat", demo)
+        self.assertEqual(twice.returncode, 1)
+        self.assertIn("would share results/sphere", twice.stderr)
         none = self.submit(2, "missing.dat", demo)
         self.assertNotEqual(none.returncode, 0)
         self.assertIn("there are 2 track files", none.stderr)
