@@ -30,14 +30,14 @@ pipeline.run(process.main)
 FULL = """
 import resource, signal
 from rimflow import pipeline, process
-prepared = process.Run.prepare_folder
+locate = process.Run.locate
 
-def then_full(run):
-    prepared(run)
+def when_full(run):
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (180000, 180000))
+    locate(run)
 
-process.Run.prepare_folder = then_full
+process.Run.locate = when_full
 pipeline.run(process.main)
 """
 
