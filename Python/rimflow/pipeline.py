@@ -72,9 +72,9 @@ class Ranks:
 
     def largest(self, value):
         """The largest of the ranks' values, on all of them."""
-        mine, all_of_them = numpy_to_vtk(np.array([float(value)]), deep=True), numpy_to_vtk(np.zeros(1), deep=True)
         if self.count == 1:
             return value
+        mine, all_of_them = numpy_to_vtk(np.array([float(value)]), deep=True), numpy_to_vtk(np.zeros(1), deep=True)
         self.controller.AllReduce(mine, all_of_them, vtkCommunicator.MAX_OP)
         return all_of_them.GetValue(0)
 
