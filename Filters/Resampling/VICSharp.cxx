@@ -124,7 +124,7 @@ VICSharpResult vicSharp(const VICSharpTracks& tracks, const VICSharpOptions& opt
   if (options.accelerationNoise > 0) found->accelerationNoise = options.accelerationNoise;
   result.calibration = *found;
   p.constants.curvatureWeight = found->curvatureWeight;
-  weighByNoise(options, found->velocityNoise, found->accelerationNoise, p.constants);
+  weighAccelerations(options, found->velocityNoise, found->accelerationNoise, p.constants);
 
   std::vector<double> factors{1}; // of the spacings, coarse to fine
   while (2 * factors.front() * options.grid.spacing[0] <= 1.3 * p.spacing)
@@ -169,6 +169,8 @@ VICSharpResult vicSharp(const VICSharpTracks& tracks, const VICSharpOptions& opt
     return noise > 0 && weight > 0 ? std::sqrt(sum / (3 * weight)) / noise : 0;
   };
   result.velocityMisfit = overNoise(model.velocityMisfits(), p.data.velocityWeight, found->velocityNoise);
+  result.explainedVariance =
+      1 - square(result.velocityMisfit * found->velocityNoise / p.constants.velocityScale);
   result.accelerationMisfit =
       overNoise(model.accelerationMisfits(), p.data.accelerationWeight, found->accelerationNoise);
   if ((result.aborted = !goOn(progress, 1))) return result;

@@ -55,7 +55,8 @@ struct VICSharpResult {
   VICSharpCalibration calibration;
   int iterations = 0;                                ///< on the finest grid
   double velocityMisfit = 0, accelerationMisfit = 0; ///< rms per component over the noise
-  double divergenceNorm = 0;                         ///< rms of div u over rms of |grad u|
+  double explainedVariance = 0; ///< 1 - mean square misfit of the velocities over their variance
+  double divergenceNorm = 0;    ///< rms of div u over rms of |grad u|
   std::size_t particlesUsed = 0;
   std::size_t outliers = 0;   ///< left out, because they do not belong among their neighbours
   double particleSpacing = 0; ///< r, m

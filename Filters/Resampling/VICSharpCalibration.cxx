@@ -91,7 +91,7 @@ public:
     reconstruction_.minimise(options_.curvatureWeight > 0 ? 60 : 40, part(progress, 0.1, 0.4));
     best_ = measure(first);
     if (options_.curvatureWeight > 0 || reconstruction_.aborted()) return best_;
-    weighByNoise(options_, best_.velocityNoise, best_.accelerationNoise, constants_);
+    weighAccelerations(options_, best_.velocityNoise, best_.accelerationNoise, constants_);
     reconstruction_.weighAccelerations(constants_.accelerationWeight);
     reconstruction_.useNoise(best_.velocityNoise, best_.accelerationNoise, options_.tolerance);
     reconstruction_.suppressOutliers(best_.velocityNoise, best_.accelerationNoise);

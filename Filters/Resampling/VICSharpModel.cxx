@@ -149,8 +149,9 @@ double VICSharpModel<Real>::hessian(double eigenvalue) const {
   double longest = 0; // no wave is longer than twice the box
   for (int a = 0; a < 3; ++a) longest = std::max(longest, (grid_.n[a] - 1) * grid_.spacing[a]);
   const double k2 = std::max(-eigenvalue, square(M_PI / longest)) * square(constants_.particleSpacing),
-               alpha2 = hasAccelerationData() ? square(constants_.accelerationWeight) : 0;
-  return k2 * (1 + 2 * alpha2) + square(bending(eigenvalue));
+               alpha2 = hasAccelerationData() ? square(constants_.accelerationWeight) : 0,
+               friction = k2 * constants_.frictionScale() / constants_.accelerationScale;
+  return k2 * (1 + alpha2 * (2 + square(friction))) + square(bending(eigenvalue));
 }
 
 // F and Fb = H^-1/2, so that every unknown has the same scale. The Hessian of a boundary pressure is that of
@@ -166,7 +167,9 @@ void VICSharpModel<Real>::makePreconditioners() {
         grid_, modes_, [this](double l) { return bending(l) / std::sqrt(hessian(l)); });
   faces_.clear();
   if (!hasAccelerationData()) return;
-  const double r = constants_.particleSpacing, alpha2 = square(constants_.accelerationWeight),
+  const double r = constants_.particleSpacing,
+               alpha2 = square(constants_.accelerationWeight * constants_.pressureGradientScale() /
+                               constants_.accelerationScale),
                bc2 = square(constants_.curvatureWeight), thickness = r * areaOverVolume_;
   std::vector<std::size_t> place(grid_.size());
   for (std::size_t e = 0; e < boundary_.size(); ++e) place[boundary_.node[e]] = e;
@@ -523,7 +526,7 @@ double VICSharpModel<Real>::penaliseCurvature(const Vector& x, Vector& gradient)
   return sum / double(n);
 }
 
-// bc^2 2 r^5 A/V <|Lt p|^2>/(sa r)^2 on the faces; boundaryBar_ = its adjoint
+// bc^2 2 r^5 A/V <|Lt p|^2>/(sg r)^2 on the faces; boundaryBar_ = its adjoint
 template <class Real>
 double VICSharpModel<Real>::penaliseBoundaryCurvature() {
   std::fill(boundaryBar_.begin(), boundaryBar_.end(), Real(0));

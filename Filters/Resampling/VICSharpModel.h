@@ -40,6 +40,11 @@ struct VICSharpConstants {
   /// bc^2 inside over bc^2 at the wall, > 0; less than 1 where the wall's velocity is known, as the velocity
   /// has a kink there.
   double insideSmoothness = 1;
+
+  /// sf = nu su/r^2: the friction on eddies as large as the particles' spacing, m/s2.
+  double frictionScale() const { return viscosity * velocityScale / (particleSpacing * particleSpacing); }
+  /// sg: what the pressure gradient balances, acceleration or friction, m/s2.
+  double pressureGradientScale() const { return std::hypot(accelerationScale, frictionScale()); }
 };
 
 /// Huber's function of a squared misfit m^2: m^2 up to the threshold h, 2 h |m| - h^2 beyond (always m^2 if h
@@ -63,10 +68,10 @@ struct Huber {
 /// pressure on the boundary, and its sources inside walls and voids, scaled:
 ///     A = su r Z F c                                vector potential
 ///     u = curl A                                    velocity less its mean;  Gu_ij = D_j u_i
-///     M p = -Gu_ij Gu_ji,   p = sa r Fb b on the boundary
+///     M p = -Gu_ij Gu_ji,   p = sg r Fb b on the boundary
 ///     a_i = -D_i p + nu (L u)_i                     = Du/Dt
 ///     J = |P u - u_p|^2/(Np su^2) + alpha^2 |P a - a_p|^2/(Np sa^2)
-///       + bc^2 (4 r^6 <|L L A|^2>/su^2 + 2 r^5 A/V <|Lt p|^2/(sa r)^2> on the faces)
+///       + bc^2 (4 r^6 <|L L A|^2>/su^2 + 2 r^5 A/V <|Lt p|^2/(sg r)^2> on the faces)
 /// where |.|^2 of the data becomes Huber's function for particles that miss by more than hu or ha. The
 /// penalty on curvature is that of the vorticity's Laplacian, r^4 <|L w|^2>/sw^2 with sw = su/(2 r), since
 /// w = -L A up to a gradient. The mean velocity does not enter.
@@ -140,9 +145,9 @@ private:
     Real weight[2];
   };
 
-  double sourceScale() const { return 3 * constants_.accelerationScale / constants_.particleSpacing; }
+  double sourceScale() const { return 3 * constants_.pressureGradientScale() / constants_.particleSpacing; }
   double potentialScale() const { return constants_.velocityScale * constants_.particleSpacing; }
-  double pressureScale() const { return constants_.accelerationScale * constants_.particleSpacing; }
+  double pressureScale() const { return constants_.pressureGradientScale() * constants_.particleSpacing; }
   double bending(double eigenvalue) const;
   double hessian(double eigenvalue) const;
   void findInside();

@@ -169,11 +169,16 @@ Grid coarseGrid(const Grid& fine, double factor) {
   return grid;
 }
 
-void weighByNoise(const VICSharpOptions& options, double velocityNoise, double accelerationNoise,
-                  VICSharpConstants& k) {
-  if (options.accelerationWeight > 0 || velocityNoise <= 0 || accelerationNoise <= 0) return;
-  const double ratio = velocityNoise * k.accelerationScale / (accelerationNoise * k.velocityScale);
-  k.accelerationWeight = std::clamp(ratio, 0.1, 0.5);
+void weighAccelerations(const VICSharpOptions& options, double velocityNoise, double accelerationNoise,
+                        VICSharpConstants& k) {
+  if (options.accelerationWeight > 0) {
+    k.accelerationWeight = options.accelerationWeight;
+    return;
+  }
+  const bool known = velocityNoise > 0 && accelerationNoise > 0;
+  const double most = k.accelerationScale / std::max(k.frictionScale(), k.accelerationScale),
+               ratio = velocityNoise * k.accelerationScale / (accelerationNoise * k.velocityScale);
+  k.accelerationWeight = std::min(known ? std::clamp(ratio, 0.1, 0.5) : 0.3, most);
 }
 
 VICSharpProblem vicSharpProblem(const VICSharpTracks& tracks, const VICSharpOptions& options,
@@ -217,8 +222,7 @@ VICSharpProblem vicSharpProblem(const VICSharpTracks& tracks, const VICSharpOpti
   k.velocityScale = su > 1e-9 * speed ? su : speed; // fluid at rest
   k.accelerationScale = sa > LeastAcceleration ? sa : square(k.velocityScale) / p.spacing;
   if (sa <= LeastAcceleration) p.data.acceleration.clear(), p.data.accelerationWeight.clear();
-  k.accelerationWeight = options.accelerationWeight > 0 ? options.accelerationWeight : 0.3;
-  weighByNoise(options, options.velocityNoise, options.accelerationNoise, k);
+  weighAccelerations(options, options.velocityNoise, options.accelerationNoise, k);
   k.curvatureWeight = options.curvatureWeight > 0 ? options.curvatureWeight : 0.0125;
   if ((p.aborted = !watch(0.9))) return p;
   addWalls(options, p);

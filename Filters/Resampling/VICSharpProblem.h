@@ -20,10 +20,12 @@ struct VICSharpProblem {
 VICSharpProblem vicSharpProblem(const VICSharpTracks& tracks, const VICSharpOptions& options,
                                 const Progress& progress = {});
 
-/// alpha from these noise levels, so that each kind of data counts by its own noise, but within 0.1 to 0.5;
-/// unless the options give it or a level is not known (0).
-void weighByNoise(const VICSharpOptions& options, double velocityNoise, double accelerationNoise,
-                  VICSharpConstants& constants);
+/// Sets alpha: as the options give it, or from these noise levels, so that each kind of data counts by its
+/// own noise, but within 0.1 to 0.5 (0.3 where a level is 0: not known). At most sa/sf: where friction is far
+/// larger than the acceleration (Re below about 10), the model's acceleration is the small difference of two
+/// large terms, and what it says beyond that is neither true nor to be found in any number of iterations.
+void weighAccelerations(const VICSharpOptions& options, double velocityNoise, double accelerationNoise,
+                        VICSharpConstants& constants);
 
 /// A grid over the same box (or a little more) with spacings `factor` times larger; along an axis that would
 /// have fewer than five nodes, as it is.

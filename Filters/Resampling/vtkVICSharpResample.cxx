@@ -73,6 +73,7 @@ void fill(vtkImageData* image, const rimflow::VICSharpResult& r) {
   addNumber(image, "Iterations", r.iterations);
   addNumber(image, "MisfitVelocity", r.velocityMisfit);
   addNumber(image, "MisfitAcceleration", r.accelerationMisfit);
+  addNumber(image, "ExplainedVariance", r.explainedVariance);
   addNumber(image, "DivergenceNorm", r.divergenceNorm);
   addNumber(image, "VelocityNoise", r.calibration.velocityNoise);
   addNumber(image, "AccelerationNoise", r.calibration.accelerationNoise);
@@ -132,6 +133,17 @@ vtkPolyData* vtkVICSharpResample::SampleOfSeries(vtkInformation* in) {
       if (!particles || particles->GetNumberOfPoints() >= Enough) return particles;
     }
   return particlesAt(middle);
+}
+
+/// Misfits that neither the particles' own noise nor a somewhat coarse grid accounts for.
+void vtkVICSharpResample::WarnOfPoorFit(double explained, double misfit, double noise) {
+  if (explained > 0.8 || misfit < 2 * noise) return;
+  vtkWarningMacro("The flow that was found accounts for only "
+                  << std::lround(100 * std::max(0., explained))
+                  << " % of the variance of the particles' velocities: it misses them by " << misfit
+                  << " m/s rms" << (noise > 0 ? ", and their noise is " + std::to_string(noise) + " m/s" : "")
+                  << ". Do not use it before you know why. Check the units of the tracks and the Viscosity ("
+                  << this->Viscosity << " m2/s), and try a smaller Spacing.");
 }
 
 /// The grid is the same at all times: it is laid out for the snapshot in the middle of the series, and noise
@@ -238,6 +250,8 @@ int vtkVICSharpResample::RequestData(vtkInformation*, vtkInformationVector** inp
                           rimflow::progressOf(this, "VIC#: fit to the tracks", warm ? 0.3 : 0, 1));
     if (result.aborted) return 1;
     fill(output, result);
+    this->WarnOfPoorFit(result.explainedVariance, result.velocityMisfit * result.calibration.velocityNoise,
+                        options.leastVelocityNoise);
   } catch (const std::invalid_argument& error) {
     output->Initialize();
     vtkErrorMacro("The tracks cannot be resampled: " << error.what() << ".");

@@ -10,9 +10,11 @@
  * `Vorticity` (1/s) and `MaterialAcceleration` (m/s2), three components each, and `PressureOverDensity`
  * (m2/s2, mean 0). With a Body, nodes inside it carry its rigid motion, `Mask` = 1 and vtkGhostType
  * HIDDENPOINT. Field data: `Iterations`, `MisfitVelocity`, `MisfitAcceleration` (rms per datum in units of
- * the noise), `DivergenceNorm` (rms of div u over rms of |grad u|), `VelocityNoise`, `AccelerationNoise`
- * (used), `CurvatureWeight`, `ParticlesUsed`, `Outliers` (particles left out because their velocity or
- * acceleration does not belong among their neighbours': ghost tracks), `StopReason`, `ElapsedTime` (s).
+ * the noise), `ExplainedVariance` (1 - mean square misfit of the velocities over their variance; there is a
+ * warning below 0.8 where noise is not the reason), `DivergenceNorm` (rms of div u over rms of |grad u|),
+ * `VelocityNoise`, `AccelerationNoise` (used), `CurvatureWeight`, `ParticlesUsed`, `Outliers` (particles left
+ * out because their velocity or acceleration does not belong among their neighbours': ghost tracks),
+ * `StopReason`, `ElapsedTime` (s).
  *
  * VIC# (Jeon, Mueller & Michaelis 2022) on VIC+ (Schneiders & Scarano 2016): the flow without
  * sources, and the pressure that goes with it, whose velocity and acceleration fit the tracks as closely as
@@ -121,6 +123,7 @@ private:
 
   bool LayOut(vtkInformation* particles);
   vtkPolyData* SampleOfSeries(vtkInformation* particles);
+  void WarnOfPoorFit(double explained, double misfit, double noise);
 
   struct Internals;
   std::unique_ptr<Internals> State;

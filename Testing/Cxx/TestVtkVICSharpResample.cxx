@@ -85,6 +85,21 @@ TEST(VtkVICSharpResample, ASnapshotDoesNotDependOnThoseBefore) {
   EXPECT_NE(cold.number("CurvatureWeight"), alone.number("CurvatureWeight")); // its own
 }
 
+TEST(VtkVICSharpResample, WarnsOfAFlowThatMissesTheParticles) {
+  Pipeline p;
+  vtkNew<vtkTest::ErrorObserver> warnings;
+  p.resample->AddObserver(vtkCommand::WarningEvent, warnings);
+  p.velocity(2);
+  EXPECT_GT(p.number("ExplainedVariance"), 0.98);
+  EXPECT_FALSE(warnings->GetWarning());
+  p.tracks->SetVelocityNoise(1);
+  p.velocity(2);
+  EXPECT_LT(p.number("ExplainedVariance"), 0.5);
+  ASSERT_TRUE(warnings->GetWarning());
+  EXPECT_NE(warnings->GetWarningMessage().find("of the variance of the particles' velocities"),
+            std::string::npos);
+}
+
 TEST(VtkVICSharpResample, LeavesTheAccelerationsOutOnRequest) {
   Pipeline p;
   p.resample->SetUseAcceleration(false);
