@@ -102,6 +102,7 @@ public:
     const double layer = boundaryLayer(body, relativeSpeed(fluid), options.viscosity);
     layer_ = layer;
     wallLayer_ = std::clamp(layer, 0.25 * h, 0.3 * R);
+    frictionReach_ = std::max(2 * h, std::min(layer, R));
     shell_ = controlShell(fluid, options.controlVolumeRadius);
     wholeBodyInside_ = distanceFromFaces(fields.grid, body.centre) > R;
     const double points = double(sphere_.points.size());
@@ -124,7 +125,7 @@ public:
     const double mu = options_.density * options_.viscosity, R = 0.5 * body.diameter;
     Forces f;
     if (!goOn(progress, 0)) return {};
-    const WallShear shear = mu > 0 ? WallShear(fluid, wallLayer_) : WallShear();
+    const WallShear shear = mu > 0 ? WallShear(fluid, wallLayer_, frictionReach_) : WallShear();
     // at the wall rho A = -grad p + mu lap u, and n . lap u = -div(d u/d n) for a fluid that sticks
     if (!goOn(progress, 0.2)) return {};
     std::vector<double> slope;
@@ -186,7 +187,7 @@ private:
   std::vector<unsigned char> seen_;
   std::vector<Vec> slopeDirections_;
   ControlShell shell_;
-  double layer_ = 0, wallLayer_ = 0;
+  double layer_ = 0, wallLayer_ = 0, frictionReach_ = 0;
   bool wholeBodyInside_ = false;
 };
 

@@ -22,12 +22,12 @@ struct Layer {
 // The flow seen from the body, as in the locator (FlowAroundSphere.h):
 //     w_t = sum over layers D of f_D(s) a_D(n),   w_n = - sum of I_D(s) div a_D(n)   (continuity),
 // with a_D in tangential harmonics. f_D'(0) = 1, so d u/d n at the wall is the sum of a_D.
-WallShear::WallShear(const FluidNodes& fluid, double wallLayer) {
+WallShear::WallShear(const FluidNodes& fluid, double wallLayer, double reach) {
   const Body& body = fluid.body();
   const double h = fluid.spacing(), R = 0.5 * body.diameter;
   const double thickness[Layers] = {0.7 * wallLayer, 2 * wallLayer, 6 * wallLayer};
   RidgeFit fit(Layers * Harmonics::Size);
-  for (const WallNode& w : wallNodes(fluid, 0, std::max(2 * h, wallLayer))) {
+  for (const WallNode& w : wallNodes(fluid, 0, reach)) {
     const Harmonics a(w.normal);
     const Eigen::Vector3d x = body.centre + (R + w.distance) * w.normal;
     const Eigen::Vector3d u = fluid.velocity(w.node) - body.velocityAt(x);

@@ -14,9 +14,9 @@ public:
 
   /// No shear.
   WallShear() : coefficients_(Coefficients::Zero()) {}
-  /// From a fit to the velocity near the wall that has no slip there. wallLayer: thickness of the boundary
-  /// layer, m, > 0. The model stands at the implementation.
-  WallShear(const FluidNodes& fluid, double wallLayer);
+  /// From a fit to the velocity within `reach` of the wall, m, that has no slip there. wallLayer: thickness
+  /// of the boundary layer, m, > 0. The model stands at the implementation.
+  WallShear(const FluidNodes& fluid, double wallLayer, double reach);
 
   /// In a direction from the body's centre, 1/s.
   Eigen::Vector3d at(const Eigen::Vector3d& n) const { return Harmonics(n).field * coefficients_; }

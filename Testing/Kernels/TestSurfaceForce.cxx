@@ -7,6 +7,7 @@
 #include <cmath>
 #include <gtest/gtest.h>
 #include <limits>
+#include <random>
 
 using namespace rimflow;
 using Vec = Eigen::Vector3d;
@@ -109,6 +110,28 @@ TEST(SurfaceForce, StokesDragIsOneThirdPressureAndTwoThirdsFriction) {
   EXPECT_NEAR(r.dragCoefficient, 24 / (speed * 2 * R / flow.viscosity), 0.02 * r.dragCoefficient);
   EXPECT_EQ(r.coverage, 1);
   EXPECT_EQ(r.note, "");
+}
+
+// Where the flow changes over a radius, the friction comes from as far: a thin layer at the wall would be
+// noise.
+TEST(SurfaceForce, NoiseDoesLittleToTheFrictionOfCreepingFlow) {
+  AnalyticFlow flow = sphere(FlowKind::StokesSphere);
+  flow.viscosity = 1e-3;
+  flow.body.velocity = Vec(1e-4, 2e-4, -1e-4);
+  const double speed = flow.body.velocity.norm();
+  const double friction = 4 * M_PI * flow.density * flow.viscosity * 7e-3 * speed;
+  const Fields exact(flow, 49, true);
+  std::mt19937 random(3);
+  std::normal_distribution<float> noise(0, float(0.1 * speed));
+  double sum = 0;
+  constexpr int Trials = 4;
+  for (int trial = 0; trial < Trials; ++trial) {
+    Fields f = exact;
+    for (float& v : f.velocity) v += noise(random);
+    const ForceResult r = surfaceForce(f.view(), flow.body, fluidOf(flow));
+    sum += (r.friction.value + friction * flow.body.velocity / speed).squaredNorm() / Trials;
+  }
+  EXPECT_LT(std::sqrt(sum), 0.07 * friction); // 0.12 from a layer of 0.3 radii
 }
 
 TEST(SurfaceForce, ARotatingSphereFeelsATorque) {
