@@ -32,7 +32,7 @@ class TestExamples(unittest.TestCase):
         self.folder = folder.name
 
     def run_example(self, *command):
-        result = subprocess.run(command, cwd=self.folder, capture_output=True, text=True, timeout=300)
+        result = subprocess.run(command, cwd=self.folder, capture_output=True, text=True, timeout=1500)
         self.assertEqual(result.returncode, 0, result.stderr)
         self.assertNotIn("Traceback", result.stderr)
         self.assertNotIn("ERR|", result.stderr)

@@ -88,7 +88,7 @@ class TestInterruptions(unittest.TestCase):
         return self.path(name)
 
     def finished(self, name, *arguments, ranks=2, **others):
-        result = subprocess.run(command(self.path(name), ranks, *arguments, **others), capture_output=True, text=True, timeout=600,
+        result = subprocess.run(command(self.path(name), ranks, *arguments, **others), capture_output=True, text=True, timeout=1500,
                                 env=self.environment)
         self.assertEqual(result.returncode, 0, result.stdout + result.stderr)
         return result
@@ -131,7 +131,7 @@ class TestInterruptions(unittest.TestCase):
 
     def test_what_cannot_be_written_is_said_and_the_rest_is_done(self):
         script, out, steps = self.script("full.py", FULL), self.path("full"), ["--steps", "4:8", "--spacing", "2mm"]
-        result = subprocess.run(command(out, 2, *steps, script=script), capture_output=True, text=True, timeout=600, env=self.environment)
+        result = subprocess.run(command(out, 2, *steps, script=script), capture_output=True, text=True, timeout=1500, env=self.environment)
         self.assertEqual(result.returncode, 1, result.stderr)
         self.assertNotIn("Traceback", result.stderr)
         self.assertIn("rimflow process: snapshot 4: ", result.stderr)

@@ -26,7 +26,7 @@ def process(*arguments, ranks=1, tracks=(TRACKS,)):
     script = os.path.join(os.environ["PYTHONPATH"].split(":")[0], "rimflow", "process.py")
     run = ["pvbatch"] if ranks == 1 else ["mpirun", "--oversubscribe", "-np", str(ranks), "pvbatch", "--sym"]
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONUNBUFFERED"}  # it would hide lines that are lost in a buffer
-    return subprocess.run([*run, script, *tracks, *arguments], capture_output=True, text=True, timeout=500, env=environment)
+    return subprocess.run([*run, script, *tracks, *arguments], capture_output=True, text=True, timeout=1500, env=environment)
 
 
 def rows(folder, name="trajectory.csv"):
