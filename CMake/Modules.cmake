@@ -45,12 +45,22 @@ if(RIMFLOW_BUILD_PARAVIEW)
     PROVIDES_PLUGINS rimflow_plugins
     ENABLE_BY_DEFAULT ON
     HIDE_PLUGINS_FROM_CACHE ON)
+  # What ParaView makes help pages with; without it there are none.
+  find_program(RIMFLOW_XMLPATTERNS NAMES xmlpatterns-qt5 xmlpatterns)
+  find_package(Qt5 QUIET COMPONENTS Help)
+  set(rimflow_without_help ON)
+  if(RIMFLOW_XMLPATTERNS AND Qt5Help_FOUND)
+    set(rimflow_without_help OFF)
+  else()
+    message(STATUS "Without help pages: they need xmlpatterns and Qt 5's Help (Debian: qttools5-dev qtxmlpatterns5-dev-tools)")
+  endif()
   paraview_plugin_build(
     PLUGINS ${rimflow_plugins}
     PLUGINS_FILE_NAME rimflow.xml
     RUNTIME_DESTINATION "${CMAKE_INSTALL_BINDIR}"
     LIBRARY_DESTINATION "${CMAKE_INSTALL_LIBDIR}"
-    LIBRARY_SUBDIRECTORY "rimflow/plugins")
+    LIBRARY_SUBDIRECTORY "rimflow/plugins"
+    DISABLE_XML_DOCUMENTATION ${rimflow_without_help})
 endif()
 
 include(CMakePackageConfigHelpers)

@@ -125,7 +125,8 @@ public:
     const double mu = options_.density * options_.viscosity, R = 0.5 * body.diameter;
     Forces f;
     if (!goOn(progress, 0)) return {};
-    const WallShear shear = mu > 0 ? WallShear(fluid, wallLayer_, frictionReach_) : WallShear();
+    const WallShear shear =
+        mu > 0 ? WallShear(fluid, wallLayer_, frictionReach_, part(progress, 0, 0.2)) : WallShear();
     // at the wall rho A = -grad p + mu lap u, and n . lap u = -div(d u/d n) for a fluid that sticks
     if (!goOn(progress, 0.2)) return {};
     std::vector<double> slope;

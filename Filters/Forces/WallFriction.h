@@ -1,5 +1,6 @@
 #pragma once
 #include "FluidNodes.h"
+#include "Progress.h"
 #include "TangentialHarmonics.h"
 
 #include <vector>
@@ -15,8 +16,9 @@ public:
   /// No shear.
   WallShear() : coefficients_(Coefficients::Zero()) {}
   /// From a fit to the velocity within `reach` of the wall, m, that has no slip there. wallLayer: thickness
-  /// of the boundary layer, m, > 0. The model stands at the implementation.
-  WallShear(const FluidNodes& fluid, double wallLayer, double reach);
+  /// of the boundary layer, m, > 0. The model stands at the implementation. No shear
+  /// when progress aborts.
+  WallShear(const FluidNodes& fluid, double wallLayer, double reach, const Progress& progress = {});
 
   /// In a direction from the body's centre, 1/s.
   Eigen::Vector3d at(const Eigen::Vector3d& n) const { return Harmonics(n).field * coefficients_; }

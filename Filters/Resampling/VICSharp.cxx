@@ -116,6 +116,7 @@ VICSharpResult vicSharp(const VICSharpTracks& tracks, const VICSharpOptions& opt
   result.particlesUsed = p.data.particles();
   result.outliers = p.outliers;
   result.particleSpacing = p.spacing;
+  result.localNoise = p.localNoise;
   auto found =
       calibration ? std::optional(*calibration) : calibrateVICSharp(p, options, part(progress, 0.1, 0.3));
   result.aborted = !found;

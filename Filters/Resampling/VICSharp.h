@@ -31,7 +31,7 @@ struct VICSharpOptions {
   int maximumIterations = 300; ///< on the finest grid, >= 1
   double tolerance = 0.002; ///< stop when an iteration gains less than this part of the noise variance, > 0
   double padding = 1;       ///< computed beyond the faces of the grid, in mean particle spacings, >= 0
-  double accelerationWeight = 0; ///< alpha, >= 0; 0: from the noise levels
+  double accelerationWeight = 0; ///< alpha, >= 0; 0: from the noise levels and the friction
   double curvatureWeight = 0;    ///< bc, >= 0; 0: found with particles held out
   double heldOut = 0.1;          ///< part of the particles held out while bc is sought, 0 < and < 0.5
   double outliers = 5; ///< misses by more than so many standard deviations count linearly, >= 0; 0: never,
@@ -55,8 +55,10 @@ struct VICSharpResult {
   VICSharpCalibration calibration;
   int iterations = 0;                                ///< on the finest grid
   double velocityMisfit = 0, accelerationMisfit = 0; ///< rms per component over the noise
-  double explainedVariance = 0; ///< 1 - mean square misfit of the velocities over their variance
-  double divergenceNorm = 0;    ///< rms of div u over rms of |grad u|
+  /// 1 - mean square misfit of the velocities over their variance, over all particles used
+  double explainedVariance = 0;
+  double localNoise = 0;     ///< of the velocity, as neighbours tell it (MedianTest.h), m/s; 0: not known
+  double divergenceNorm = 0; ///< rms of div u over rms of |grad u|
   std::size_t particlesUsed = 0;
   std::size_t outliers = 0;   ///< left out, because they do not belong among their neighbours
   double particleSpacing = 0; ///< r, m

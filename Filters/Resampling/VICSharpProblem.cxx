@@ -188,11 +188,12 @@ VICSharpProblem vicSharpProblem(const VICSharpTracks& tracks, const VICSharpOpti
   Watched watch(progress);
   const Progress test = [&watch](double fraction) { return watch(0.8 * fraction); };
   // Gone altogether, not only of no weight: nothing is scaled, calibrated or judged by them.
-  const auto outlier = options.outliers > 0 ? medianTest(tracks.positions, tracks.velocities,
-                                                         tracks.accelerations, tracks.count, {}, test)
-                                                  .outlier
-                                            : std::vector<unsigned char>();
+  MedianTestResult tested;
+  if (options.outliers > 0)
+    tested = medianTest(tracks.positions, tracks.velocities, tracks.accelerations, tracks.count, {}, test);
   if ((p.aborted = !watch(0.8))) return p;
+  const std::vector<unsigned char>& outlier = tested.outlier;
+  p.localNoise = tested.velocityNoise;
   const auto among = [&](const Grid& grid) {
     return usable(tracks, grid, options.body, outlier, p.outliers);
   };

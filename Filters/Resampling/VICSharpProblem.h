@@ -11,7 +11,8 @@ struct VICSharpProblem {
   int margin;     ///< nodes that the model's grid has beyond the output's
   Grid grid;
   VICSharpData data;
-  std::size_t outliers; ///< left out of the data
+  std::size_t outliers;  ///< left out of the data
+  double localNoise = 0; ///< of the velocity, as neighbours tell it (MedianTest.h), m/s; 0: not known
   VICSharpConstants constants;
   bool aborted = false; ///< then nothing else counts
 };
@@ -21,9 +22,10 @@ VICSharpProblem vicSharpProblem(const VICSharpTracks& tracks, const VICSharpOpti
                                 const Progress& progress = {});
 
 /// Sets alpha: as the options give it, or from these noise levels, so that each kind of data counts by its
-/// own noise, but within 0.1 to 0.5 (0.3 where a level is 0: not known). At most sa/sf: where friction is far
-/// larger than the acceleration (Re below about 10), the model's acceleration is the small difference of two
-/// large terms, and what it says beyond that is neither true nor to be found in any number of iterations.
+/// own noise, but within 0.1 to 0.5 (0.3 where a level is 0: not known). Unless given, at most sa/sf: where
+/// friction on eddies of the size r is many times the acceleration (a sphere seven r wide at Re below about
+/// 10), the model's acceleration is the small difference of two large terms, and what it says beyond that is
+/// neither true nor to be found in any number of iterations.
 void weighAccelerations(const VICSharpOptions& options, double velocityNoise, double accelerationNoise,
                         VICSharpConstants& constants);
 

@@ -59,6 +59,15 @@ double fieldNumber(vtkPolyData* particles, const char* name) {
   return array && array->GetNumberOfValues() > 0 ? std::max(0., array->GetComponent(0, 0)) : 0;
 }
 
+/// What the user should know of a flow that misses the particles by far more than their noise, m/s; or empty.
+std::string poorFit(const rimflow::VICSharpResult& r, double noise) {
+  const double misfit = r.velocityMisfit * r.calibration.velocityNoise;
+  if (r.explainedVariance > 0.8 || misfit < 2 * noise) return {};
+  return "the flow that was found accounts for only " +
+         std::to_string(std::lround(100 * std::max(0., r.explainedVariance))) +
+         " % of the variance of the particles' velocities";
+}
+
 void fill(vtkImageData* image, const rimflow::VICSharpResult& r) {
   using namespace rimflow;
   image->SetDimensions(r.grid.n.data());
@@ -93,6 +102,7 @@ struct vtkVICSharpResample::Internals {
   std::string settings;      // that all this belongs to; empty: not yet
   vtkMTimeType upstream = 0; // of everything that the particles come from
   std::optional<rimflow::VICSharpCalibration> calibration;
+  bool warned = false; // of a flow that misses the particles; once is enough
   rimflow::ResultCache results;
 };
 
@@ -135,17 +145,6 @@ vtkPolyData* vtkVICSharpResample::SampleOfSeries(vtkInformation* in) {
   return particlesAt(middle);
 }
 
-/// Misfits that neither the particles' own noise nor a somewhat coarse grid accounts for.
-void vtkVICSharpResample::WarnOfPoorFit(double explained, double misfit, double noise) {
-  if (explained > 0.8 || misfit < 2 * noise) return;
-  vtkWarningMacro("The flow that was found accounts for only "
-                  << std::lround(100 * std::max(0., explained))
-                  << " % of the variance of the particles' velocities: it misses them by " << misfit
-                  << " m/s rms" << (noise > 0 ? ", and their noise is " + std::to_string(noise) + " m/s" : "")
-                  << ". Do not use it before you know why. Check the units of the tracks and the Viscosity ("
-                  << this->Viscosity << " m2/s), and try a smaller Spacing.");
-}
-
 /// The grid is the same at all times: it is laid out for the snapshot in the middle of the series, and noise
 /// and smoothness are found from that one too, so that no result depends on where the user looked first.
 /// False: stopped by the user.
@@ -180,6 +179,7 @@ bool vtkVICSharpResample::LayOut(vtkInformation* in) {
   state.sampleVelocityNoise = fieldNumber(particles, "VelocityNoise");
   state.sampleAccelerationNoise = fieldNumber(particles, "AccelerationNoise");
   state.settings = settings.str();
+  state.warned = false;
   state.upstream = upstream;
   return true;
 }
@@ -250,8 +250,17 @@ int vtkVICSharpResample::RequestData(vtkInformation*, vtkInformationVector** inp
                           rimflow::progressOf(this, "VIC#: fit to the tracks", warm ? 0.3 : 0, 1));
     if (result.aborted) return 1;
     fill(output, result);
-    this->WarnOfPoorFit(result.explainedVariance, result.velocityMisfit * result.calibration.velocityNoise,
-                        options.leastVelocityNoise);
+    const double known = std::max(options.leastVelocityNoise, options.velocityNoise);
+    const std::string note = poorFit(result, known > 0 ? known : result.localNoise);
+    if (!note.empty()) rimflow::addText(output, "Note", note);
+    if (!note.empty() && !state.warned)
+      vtkWarningMacro("At the time shown " << note
+                                           << ". Do not use it before you know why: check the units of the "
+                                              "tracks and the Viscosity ("
+                                           << this->Viscosity
+                                           << " m2/s), try a smaller Spacing, and Use Acceleration off. This "
+                                              "is said once; the field data Note says where it is so.");
+    state.warned = state.warned || !note.empty();
   } catch (const std::invalid_argument& error) {
     output->Initialize();
     vtkErrorMacro("The tracks cannot be resampled: " << error.what() << ".");

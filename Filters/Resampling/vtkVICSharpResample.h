@@ -14,7 +14,7 @@
  * warning below 0.8 where noise is not the reason), `DivergenceNorm` (rms of div u over rms of |grad u|),
  * `VelocityNoise`, `AccelerationNoise` (used), `CurvatureWeight`, `ParticlesUsed`, `Outliers` (particles left
  * out because their velocity or acceleration does not belong among their neighbours': ghost tracks),
- * `StopReason`, `ElapsedTime` (s).
+ * `StopReason`, `ElapsedTime` (s), and `Note` where the user should know something.
  *
  * VIC# (Jeon, Mueller & Michaelis 2022) on VIC+ (Schneiders & Scarano 2016): the flow without
  * sources, and the pressure that goes with it, whose velocity and acceleration fit the tracks as closely as
@@ -123,7 +123,6 @@ private:
 
   bool LayOut(vtkInformation* particles);
   vtkPolyData* SampleOfSeries(vtkInformation* particles);
-  void WarnOfPoorFit(double explained, double misfit, double noise);
 
   struct Internals;
   std::unique_ptr<Internals> State;

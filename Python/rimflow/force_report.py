@@ -122,7 +122,7 @@ def section(run):
 {"".join(rows)}
 </table>
 <ul>{sentences}</ul>
-{f"<p>Notes on the forces:</p><ul>{listed}</ul>" if notes else ""}
+{f"<p>Notes on the flow and the forces:</p><ul>{listed}</ul>" if notes else ""}
 """
 
 

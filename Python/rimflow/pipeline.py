@@ -198,7 +198,7 @@ class Flow:
     quality: dict = None    # how well it was reconstructed
     surface: object = None  # vtkPolyData with Pressure and Traction; None where the forces are not known
     forces: dict = None     # the numbers of vtkSurfaceForce's table by their names
-    note: str = ""          # what the user should know of the forces
+    note: str = ""          # what the user should know of the flow and the forces
     failed: str = ""        # what failed, and why
     seconds: dict = field(default_factory=dict)  # per step
 
@@ -238,14 +238,17 @@ class FlowChain:
                 flow.image = _with_arrays(step.GetOutputDataObject(0), FIELD_ARRAYS)
                 flow.quality = {**(flow.quality or {}), **quality(flow.image, QUALITY[name])}
                 flow.image.GetFieldData().RemoveArray("ElapsedTime")  # the same run twice writes the same files
+            if flow.image.GetFieldData().HasArray("Note"):
+                flow.note = _text(flow.image, "Note")
             wanted = arrays.HasArray("Centre") and not self.options.no_forces
             if wanted and not known:
                 raise PipelineError("the sphere was found in this snapshot alone, which does not tell how it moves")
             if wanted:
                 flow.seconds["forces"] = self._run(self.force, time)
-                numbers, flow.note = force_row(self.force.GetOutputDataObject(1))
+                numbers, note = force_row(self.force.GetOutputDataObject(1))
                 if numbers["drag_N"] is None:
-                    raise PipelineError(flow.note)
+                    raise PipelineError(note)
+                flow.note = "; ".join(filter(None, (flow.note, note)))
                 flow.forces, flow.surface = numbers, kept(self.force.GetOutputDataObject(0))
         except PipelineError as error:
             flow.failed = str(error)
@@ -298,7 +301,7 @@ def located(found):
 
 # numbers of the run's report by the names of the field data that vtkVICSharpResample and vtkOmni3DPressure give
 QUALITY = {
-    "flow": {name: name for name in ("MisfitVelocity", "MisfitAcceleration", "VelocityNoise", "AccelerationNoise", "DivergenceNorm",
+    "flow": {name: name for name in ("MisfitVelocity", "MisfitAcceleration", "ExplainedVariance", "VelocityNoise", "AccelerationNoise", "DivergenceNorm",
                                      "CurvatureWeight", "ParticlesUsed", "Outliers", "Iterations", "ElapsedTime")},
     "pressure": {"PressureIterations": "Iterations", "PressureCurlResidual": "CurlResidual"}}
 

@@ -92,12 +92,35 @@ TEST(VtkVICSharpResample, WarnsOfAFlowThatMissesTheParticles) {
   p.velocity(2);
   EXPECT_GT(p.number("ExplainedVariance"), 0.98);
   EXPECT_FALSE(warnings->GetWarning());
-  p.tracks->SetVelocityNoise(1);
+  EXPECT_FALSE(p.resample->GetOutput()->GetFieldData()->HasArray("Note"));
+  p.tracks->SetWavelength(0.006);
+  p.tracks->SetDensity(1.5e9);
+  p.tracks->SetBounds(0, 0.02, 0, 0.02, 0, 0.02);
+  p.resample->SetSpacing(4e-3);
   p.velocity(2);
-  EXPECT_LT(p.number("ExplainedVariance"), 0.5);
+  EXPECT_LT(p.number("ExplainedVariance"), 0.7);
+  EXPECT_TRUE(p.resample->GetOutput()->GetFieldData()->HasArray("Note"));
   ASSERT_TRUE(warnings->GetWarning());
   EXPECT_NE(warnings->GetWarningMessage().find("of the variance of the particles' velocities"),
             std::string::npos);
+  warnings->Clear();
+  p.velocity(3);
+  EXPECT_TRUE(p.resample->GetOutput()->GetFieldData()->HasArray("Note"));
+  EXPECT_FALSE(warnings->GetWarning()); // once is enough
+}
+
+TEST(VtkVICSharpResample, DoesNotWarnOfNoise) {
+  vtkNew<vtkTest::ErrorObserver> warnings;
+  Pipeline seen, given;
+  for (Pipeline* p : {&seen, &given}) {
+    p->resample->AddObserver(vtkCommand::WarningEvent, warnings);
+    p->tracks->SetVelocityNoise(1);
+  }
+  given.resample->SetVelocityNoise(1);
+  seen.velocity(2), given.velocity(2);
+  EXPECT_LT(seen.number("ExplainedVariance"), 0.5);
+  EXPECT_LT(given.number("ExplainedVariance"), 0.5);
+  EXPECT_FALSE(warnings->GetWarning()) << warnings->GetWarningMessage();
 }
 
 TEST(VtkVICSharpResample, LeavesTheAccelerationsOutOnRequest) {

@@ -1,6 +1,7 @@
 """check_help.py BUILD: breaks when ParaView's help (the button "?" of a panel) lacks a page for a proxy, or a page lacks a property or shows wrong characters."""
 import html
 import pathlib
+import re
 import sqlite3
 import sys
 import unittest
@@ -21,15 +22,11 @@ class TestHelp(unittest.TestCase):
             for proxy in group:
                 name = f"{group.get('name')}.{proxy.get('name')}.html"
                 self.assertIn(name, pages)
-                page = html.unescape((FOLDER / name).read_text())
+                page = (FOLDER / name).read_text()
+                self.assertTrue(html.unescape(page).isascii(), f"{name}: the help window reads it as Latin-1")
                 for prop in proxy.iter():
                     if prop.tag.endswith("Property") and prop.get("label") and prop.get("panel_visibility") != "never":
-                        self.assertIn(prop.get("label"), page, name)
-
-    def test_the_texts_are_ascii(self):
-        for group in GROUPS:  # the help window reads the pages as Latin-1
-            for element in group.iter("Documentation"):
-                self.assertTrue((element.text or "").isascii() and (element.get("long_help") or "").isascii(), element.text)
+                        self.assertRegex(page, rf"<th>\s*{re.escape(html.escape(prop.get('label')))}\s*</th>", name)
 
 
 if __name__ == "__main__":
