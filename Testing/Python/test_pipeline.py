@@ -1,9 +1,13 @@
 """Breaks when the pipeline that a user builds by clicking (tracks, locator, VIC# with the sphere as Body, Q-criterion, contour)
 does not work through its proxies, at several times and in any order."""
 import math
+import types
 import unittest
 
 from paraview import simple
+from rimflow import pipeline as headless
+from rimflow.vtkRIMFlowReaders import vtkSyntheticTracks
+from vtkmodules.vtkCommonDataModel import vtkPolyData
 
 import rimflow_testing
 
@@ -53,6 +57,20 @@ class TestPipeline(unittest.TestCase):
         smoother = simple.TrajectorySmoother(Input=simple.OutputPort(locator, 2), JerkIntensity=1.0)
         smoother.UpdatePipeline(tracks.TimestepValues[0])
         self.assertEqual(smoother.PointData["Status"].GetRange(), (0.0, 0.0))
+
+    def test_a_flow_that_misses_the_particles_is_noted_headless(self):
+        tracks = vtkSyntheticTracks()  # ABC flow, 1.5 nodes per wavelength
+        tracks.SetFlow(4)
+        tracks.SetWavelength(0.006)
+        tracks.SetDensity(1.5e9)
+        tracks.SetBounds(0, 0.02, 0, 0.02, 0, 0.02)
+        tracks.SetNumberOfSnapshots(3)
+        settings = types.SimpleNamespace(density=1000.0, viscosity=1e-6, body_density=None, up=None, no_forces=True, spacing=0.004)
+        chain = types.SimpleNamespace(options=settings, errors=headless.Errors(), reader=tracks)
+        flow = headless.FlowChain(chain).compute(0.0, vtkPolyData())
+        self.assertEqual(flow.failed, "")
+        self.assertIn("of the variance of the particles' velocities", flow.note)
+        self.assertLess(flow.quality["ExplainedVariance"], 0.7)
 
     def test_fixed_grid(self):
         tracks, _, _, _ = pipeline()
