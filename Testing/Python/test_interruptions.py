@@ -1,8 +1,10 @@
 """Breaks when a run that was killed (kill -9 of any rank, at a random moment) and resumed is not complete, or differs from one that was
 never interrupted; when two ranks give other numbers than one; or when files that cannot be written stop more than themselves.
 RIMFLOW_KILLS: how many moments (default 3). Run by python3; it starts pvbatch itself."""
+import contextlib
 import json
 import os
+import pathlib
 import random
 import shutil
 import signal
@@ -48,9 +50,11 @@ def command(out, ranks, *arguments, script=SCRIPT, tracks=TRACKS):
 
 
 def ranks_of(mpirun):
-    """Process ids of pvbatch below an mpirun."""
-    listing = subprocess.run(["ps", "--ppid", str(mpirun), "-o", "pid=,comm="], capture_output=True, text=True).stdout
-    return [int(line.split()[0]) for line in listing.splitlines() if "pvbatch" in line]
+    """Process ids of pvbatch below an mpirun; none when it has ended."""
+    with contextlib.suppress(FileNotFoundError, ProcessLookupError):
+        children = pathlib.Path(f"/proc/{mpirun}/task/{mpirun}/children").read_text().split()
+        return [int(child) for child in children if "pvbatch" in pathlib.Path(f"/proc/{child}/comm").read_text()]
+    return []
 
 
 def plain(value):
