@@ -80,11 +80,21 @@ def draw(folder, field_rows, track_rows):
         draw_tracks(os.path.join(folder, "tracks.png"), track_rows)
 
 
+def colour(reynolds):
+    """The same for a Reynolds number in all plots, from blue (1) to red (300)."""
+    return plt.get_cmap("turbo")(0.1 + 0.8 * np.log(float(reynolds)) / np.log(300))
+
+
+def show_legend(place, axes):
+    place.axis("off")
+    place.legend(*axes.get_legend_handles_labels(), loc="center left", fontsize=7)
+
+
 def draw_fields(path, rows):
     """Largest error over the motions against the resolution."""
-    figure, (drag, side) = plt.subplots(1, 2, figsize=(11, 4.5), layout="constrained")
+    figure, (drag, side, legend) = plt.subplots(1, 3, figsize=(14, 4.5), width_ratios=(5, 5, 2), layout="constrained")
     for reynolds in unique(rows, "reynolds"):
-        for source in unique(rows, "input"):
+        for source, filled in (("exact pressure", "full"), ("exact acceleration", "none")):
             for name, label, marker in (("", "surface", "o-"), ("_cv", "control volume", "s--")):
                 points = []
                 for per_diameter in unique(rows, "nodes_per_diameter"):
@@ -93,30 +103,34 @@ def draw_fields(path, rows):
                         points.append((float(per_diameter), np.abs(drag_error(group, "Cd" + name)).max(), column(group, "side" + name).max()))
                 if points:
                     resolution, drag_errors, sides = np.array(points).T
-                    text = f"Re {float(reynolds):g}, {source}, {label}"
-                    drag.semilogy(resolution, 100 * drag_errors, marker, label=text, markersize=4)
-                    side.semilogy(resolution, 100 * sides, marker, markersize=4)
+                    style = {"color": colour(reynolds), "fillstyle": filled, "markersize": 5}
+                    drag.semilogy(resolution, 100 * drag_errors, marker, label=f"Re {float(reynolds):g}, {source}, {label}", **style)
+                    side.semilogy(resolution, 100 * sides, marker, **style)
     for axes, title in ((drag, "error of the drag"), (side, "side force (true: 0)")):
         axes.set(xlabel="nodes per diameter", ylabel="% of the true force", title=title)
         axes.grid(alpha=0.3)
-    drag.legend(fontsize=6)
+    show_legend(legend, drag)
     figure.savefig(path, dpi=110)
     plt.close(figure)
 
 
 def draw_tracks(path, rows):
-    names = unique(rows, "tracks")
-    figure, (drag, pressure) = plt.subplots(1, 2, figsize=(11, 4.5), layout="constrained")
-    for name in names:
+    """Error per snapshot; clean tracks have hollow marks, a grid finer than VIC#'s own choice is pale."""
+    figure, (surface, volume, pressure, legend) = plt.subplots(1, 4, figsize=(17, 4.5), width_ratios=(5, 5, 5, 2), layout="constrained")
+    for name in unique(rows, "tracks"):
         group = numbers(rows, tracks=name)
         snapshot = column(group, "snapshot")
-        (plotted,) = drag.plot(snapshot, 100 * drag_error(group, "Cd"), "o-", markersize=4)
-        drag.plot(snapshot, 100 * drag_error(group, "Cd_cv"), "s--", color=plotted.get_color(), markersize=4)
-        pressure.plot(snapshot, 100 * column(group, "pressure_error"), "o-", label=name, markersize=4)
-    drag.set(xlabel="snapshot", ylabel="% of the true drag", title="error of the drag (solid: surface, dashed: control volume)")
-    pressure.set(xlabel="snapshot", ylabel="% of the rms pressure", title="error of the pressure", ylim=(0, None))
-    pressure.legend([name.replace("_", ", ") for name in names], fontsize=7)
-    for axes in (drag, pressure):
+        reynolds = name.split("_")[0].removeprefix("re")
+        style = {"color": colour(reynolds), "fillstyle": "none" if "clean" in name else "full", "alpha": 0.4 if "_h " in name else 1, "markersize": 5}
+        surface.plot(snapshot, 100 * drag_error(group, "Cd"), "o-", label=name.replace("_", ", ").replace("re", "Re ", 1), **style)
+        volume.plot(snapshot, 100 * drag_error(group, "Cd_cv"), "o-", **style)
+        pressure.semilogy(snapshot, 100 * column(group, "pressure_error"), "o-", **style)
+    for axes, title in ((surface, "error of the drag, surface"), (volume, "error of the drag, control volume")):
+        axes.set(ylabel="% of the true drag", title=title, ylim=(-12, 12))
+    pressure.set(ylabel="% of the rms pressure", title="error of the pressure")
+    for axes in (surface, volume, pressure):
+        axes.set_xlabel("snapshot")
         axes.grid(alpha=0.3)
+    show_legend(legend, surface)
     figure.savefig(path, dpi=110)
     plt.close(figure)
