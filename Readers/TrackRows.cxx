@@ -430,8 +430,8 @@ TrackRowsResult readTrackRows(std::string_view text, const TrackColumnPlan& plan
   Arrays arrays{snapshot, plan, idsOnly};
   arrays.resize(store ? std::max<std::size_t>(rows, 1) : 1); // fields point into the arrays
   const std::vector<Field> fields = arrays.fields();
-  std::atomic<bool> stopped{false}, faulty{false};
-  std::atomic<int> done{0};
+  std::atomic<bool> stopped{false};
+  std::atomic<int> done{0}, faulty{n}; // faulty: the first chunk known to have a fault
   if (!store)
     for (Chunk& c : chunks) c.firstRow = 0;
 
@@ -439,10 +439,12 @@ TrackRowsResult readTrackRows(std::string_view text, const TrackColumnPlan& plan
   {
 #pragma omp for schedule(dynamic, 1)
     for (int c = 0; c < n; ++c) {
-      // Chunks are handed out in order, so the first fault of the file is always among those that are read.
-      if (stopped || faulty) continue;
+      // Only what comes after a fault is left out: a thread may be late with a chunk before it.
+      if (stopped || c > faulty) continue;
       parseChunk(chunks[std::size_t(c)], text.data(), plan, fields, store ? 1 : 0, stopped);
-      if (chunks[std::size_t(c)].result.fault != Fault::None) faulty = true;
+      if (chunks[std::size_t(c)].result.fault != Fault::None)
+        for (int first = faulty; c < first && !faulty.compare_exchange_weak(first, c);) {
+        }
       const int finished = ++done;
       if (omp_get_thread_num() == 0 && !goOn(progress, double(finished) / n)) stopped = true;
     }
