@@ -3,6 +3,7 @@
 #   thread:  ThreadSanitizer; with Clang, whose OpenMP tells it about its barriers and tasks (libarcher)
 set(RIMFLOW_SANITIZER "" CACHE STRING "Run-time checks: address, thread or none (empty)")
 set_property(CACHE RIMFLOW_SANITIZER PROPERTY STRINGS "" address thread)
+set(rimflow_test_timeout 300) # seconds, of a test of C++
 set(rimflow_sanitizer_environment) # for tests whose program is not ours: pvpython, pvbatch, ParaView, Python
 
 if(RIMFLOW_SANITIZER STREQUAL "address")
@@ -25,9 +26,11 @@ if(RIMFLOW_SANITIZER STREQUAL "address")
 elseif(RIMFLOW_SANITIZER STREQUAL "thread")
   set(rimflow_sanitizer_flags -fsanitize=thread -fno-omit-frame-pointer)
 elseif(RIMFLOW_SANITIZER)
+  set(rimflow_test_timeout 3000)
   message(FATAL_ERROR "RIMFLOW_SANITIZER is '${RIMFLOW_SANITIZER}'; it must be address, thread or empty.")
 endif()
 if(RIMFLOW_SANITIZER)
+  set(rimflow_test_timeout 3000)
   message(STATUS "With run-time checks: ${rimflow_sanitizer_flags}") # CMake forgets a preset's variables when the compiler changes
 endif()
 add_compile_options(${rimflow_sanitizer_flags})

@@ -3,6 +3,7 @@
 #include "SphereGroup.h"
 #include "TracerCloud.h"
 
+#include <algorithm>
 #include <gtest/gtest.h>
 
 using namespace rimflow;
@@ -43,10 +44,14 @@ TEST(SphereGroup, EqualSpheresStayThemselvesWhenTheyPass) {
     ASSERT_TRUE(group[0].known().at(1e-3 * k).found && group[1].known().at(1e-3 * k).found) << k;
   }
   const bool first = (centre(group, 0, 0) - a(0)).norm() < (centre(group, 0, 0) - b(0)).norm();
+  double square = 0; // over 60 sets of tracers: rms 0.011 to 0.019 d, the farthest of 1920 centres 0.065 d
   for (int k = 0; k < 16; ++k) {
-    EXPECT_LT((centre(group, first ? 0 : 1, k) - a(k)).norm(), 0.04 * D) << k;
-    EXPECT_LT((centre(group, first ? 1 : 0, k) - b(k)).norm(), 0.04 * D) << k;
+    const double errorA = (centre(group, first ? 0 : 1, k) - a(k)).norm();
+    const double errorB = (centre(group, first ? 1 : 0, k) - b(k)).norm();
+    EXPECT_LT(std::max(errorA, errorB), 0.1 * D) << k; // the other sphere is 1.1 d away or farther
+    square += (errorA * errorA + errorB * errorB) / 32;
   }
+  EXPECT_LT(std::sqrt(square), 0.025 * D);
 }
 
 TEST(SphereGroup, EachDiameterFindsItsOwnSphere) {

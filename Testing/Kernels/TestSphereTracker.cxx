@@ -98,7 +98,9 @@ TEST(SphereTracker, EntersByAFaceAndLeavesByACorner) {
     const bool inside = k >= 4 && k <= 12, far = k <= 1 || k >= 16;
     EXPECT_FALSE(far && sphere.found) << k;
     found += inside && sphere.found;
-    if (inside && sphere.found) EXPECT_LT((sphere.centre - at(k)).norm(), 0.04 * cloud.diameter) << k;
+    if (inside && sphere.found) {
+      EXPECT_LT((sphere.centre - at(k)).norm(), 0.04 * cloud.diameter) << k;
+    }
   }
   EXPECT_GE(found, 8); // of 9
 }

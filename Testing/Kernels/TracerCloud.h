@@ -4,6 +4,14 @@
 #include <random>
 #include <vector>
 
+/// Three random numbers, drawn in the order x, y, z: that of a call's arguments is up to the compiler.
+template <class Distribution>
+Eigen::Vector3d threeOf(Distribution& distribution, std::mt19937& random) {
+  Eigen::Vector3d out;
+  for (double& x : out) x = distribution(random);
+  return out;
+}
+
 /// Random tracers around a sphere that is or is not there: the process that the void likelihood assumes.
 struct TracerCloud {
   double density = 0.4e9; ///< 1/m3
@@ -23,12 +31,11 @@ struct TracerCloud {
     const int n = std::poisson_distribution<int>(density * size.prod())(random);
     std::vector<float> out;
     for (int i = 0; i < n; ++i) {
-      Eigen::Vector3d x =
-          lower + size.cwiseProduct(Eigen::Vector3d(uniform(random), uniform(random), uniform(random)));
+      Eigen::Vector3d x = lower + size.cwiseProduct(threeOf(uniform, random));
       double share = seeding ? seeding(x, centre) : 1;
       if (sphere && (x - centre).norm() < 0.5 * diameter) share = ghosts;
       if (uniform(random) > share) continue;
-      x += noise * Eigen::Vector3d(normal(random), normal(random), normal(random));
+      x += noise * threeOf(normal, random);
       for (int a = 0; a < 3; ++a) out.push_back(float(x[a]));
     }
     return out;
@@ -40,6 +47,5 @@ inline Eigen::Vector3d placeBetween(const Eigen::Vector3d& lower, const Eigen::V
                                     unsigned seed) {
   std::mt19937 random(seed * 7919 + 1);
   std::uniform_real_distribution<double> uniform(0, 1);
-  return lower +
-         (upper - lower).cwiseProduct(Eigen::Vector3d(uniform(random), uniform(random), uniform(random)));
+  return lower + (upper - lower).cwiseProduct(threeOf(uniform, random));
 }
