@@ -98,13 +98,15 @@ inline Eigen::Matrix3d centreCovarianceOf(vtkPolyData* data, vtkIdType which) {
   return covariance;
 }
 
-/// The covariance of a body's acceleration, m2/s4, from `AccelerationSigma`(3), which the smoothed trajectory
-/// has; 0 when it is not told or negative (not known).
-inline Eigen::Matrix3d accelerationCovarianceOf(vtkPolyData* data, vtkIdType which) {
+/// The covariance of a body's velocity, m2/s2, or acceleration, m2/s4, from `VelocitySigma` or
+/// `AccelerationSigma`(3), which the smoothed trajectory has; 0 when it is not told, not a number or negative
+/// (not known).
+inline Eigen::Matrix3d motionCovarianceOf(vtkPolyData* data, const char* sigmaName, vtkIdType which) {
   Eigen::Vector3d sigma = Eigen::Vector3d::Zero();
-  vtkDataArray* array = bodyArray(data, "AccelerationSigma", 3);
+  vtkDataArray* array = bodyArray(data, sigmaName, 3);
   if (array && which < array->GetNumberOfTuples()) array->GetTuple(which, sigma.data());
-  return sigma.cwiseMax(0).cwiseAbs2().asDiagonal();
+  if (!sigma.allFinite() || sigma.minCoeff() < 0) sigma.setZero();
+  return sigma.cwiseAbs2().asDiagonal();
 }
 
 } // namespace rimflow

@@ -20,6 +20,7 @@ struct ForceOptions {
   /// grid is cut off. 0: as large as the grid allows, up to 2 d.
   double controlVolumeRadius = 0;
   Eigen::Matrix3d centreCovariance = Eigen::Matrix3d::Zero();       ///< of the body's centre, m2
+  Eigen::Matrix3d velocityCovariance = Eigen::Matrix3d::Zero();     ///< of its velocity, m2/s2
   Eigen::Matrix3d accelerationCovariance = Eigen::Matrix3d::Zero(); ///< of its acceleration, m2/s4
 };
 

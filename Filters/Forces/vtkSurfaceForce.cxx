@@ -274,7 +274,8 @@ int vtkSurfaceForce::RequestData(vtkInformation*, vtkInformationVector** inputs,
         continue;
       }
       options.centreCovariance = rimflow::centreCovarianceOf(bodyData, which);
-      options.accelerationCovariance = rimflow::accelerationCovarianceOf(bodyData, which);
+      options.velocityCovariance = rimflow::motionCovarianceOf(bodyData, "VelocitySigma", which);
+      options.accelerationCovariance = rimflow::motionCovarianceOf(bodyData, "AccelerationSigma", which);
       try {
         results.push_back(rimflow::surfaceForce(fields.view(), *body, options, progress));
         if (results.back().points.empty()) return 1;

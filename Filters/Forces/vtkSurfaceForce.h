@@ -10,8 +10,9 @@
  * vtkOmni3DPressure gives them; its `PressureError` (Pa) is used where there is one. Nodes hold no fluid
  * where `Mask` is not 0, vtkGhostType has HIDDENPOINT set, or a Body covers them. Input 1, `Body`: the
  * locator's Sphere or Centre, or any vtkPolyData with `Diameter`(1), `Centre`(3) and optionally `Velocity`,
- * `Acceleration`, `AngularVelocity`(3), `Covariance`(6: xx yy zz xy yz xz, m2) and `AccelerationSigma`(3) in
- * its field data, one tuple per body. Without Acceleration there is no inertia force.
+ * `Acceleration`, `AngularVelocity`(3), `Covariance`(6: xx yy zz xy yz xz, m2), `VelocitySigma` and
+ * `AccelerationSigma`(3) in its field data, one tuple per body. Without Acceleration there is no inertia
+ * force.
  *
  * Output 0: the surface with the point arrays `Pressure` (Pa, active scalars), `PressureSigma` (Pa),
  * `Traction` (Pa, three components), `Normals` (into the fluid) and `Seen` (0: no measured fluid near,

@@ -68,6 +68,7 @@ public:
     for (const auto& [name, components] : {std::pair{"Time", 1},
                                            {"Centre", 3},
                                            {"Velocity", 3},
+                                           {"VelocitySigma", 3},
                                            {"Acceleration", 3},
                                            {"AccelerationSigma", 3},
                                            {"AngularVelocity", 3},
@@ -107,6 +108,7 @@ public:
     tuple("Time", &time);
     tuple("Centre", s.found ? s.centre.data() : Eigen::Vector3d::Constant(Nothing).eval().data());
     tuple("Velocity", velocity.data());
+    tuple("VelocitySigma", Eigen::Vector3d::Constant(std::max(-1., s.wallVelocitySigma)).eval().data());
     const Eigen::Vector3d zero = Eigen::Vector3d::Zero(), notKnown = Eigen::Vector3d::Constant(-1);
     tuple("Acceleration", zero.data());
     tuple("AccelerationSigma", notKnown.data());
@@ -242,8 +244,8 @@ vtkSmartPointer<vtkPolyData> centreOf(std::size_t sphere, double time, const Loc
   one.add(time, s);
   const vtkIdType at = pointAt(time, trajectory);
   if (at >= 0 && trajectory->GetPointData()->GetArray("RawCentre")) // smoothed
-    for (const char* name :
-         {"Velocity", "Acceleration", "AccelerationSigma", "AngularVelocity", "AngularVelocitySigma"})
+    for (const char* name : {"Velocity", "VelocitySigma", "Acceleration", "AccelerationSigma",
+                             "AngularVelocity", "AngularVelocitySigma"})
       one.data()->GetPointData()->GetArray(name)->SetTuple(0, at, trajectory->GetPointData()->GetArray(name));
   makeVertex(one.data());
   return one.data();

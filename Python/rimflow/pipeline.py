@@ -374,7 +374,8 @@ def body(trajectory, row):
     add_array(data.GetFieldData(), "Time", np.array([trajectory.time[row]]))
     add_array(data.GetFieldData(), "Status", np.array([int(trajectory.status[row])], np.int32))
     if trajectory.status[row] != 2:
-        motion = [("Velocity", trajectory.velocity), ("Acceleration", trajectory.acceleration), ("AccelerationSigma", trajectory.acceleration_sigma),
+        motion = [("Velocity", trajectory.velocity), ("VelocitySigma", trajectory.velocity_sigma),
+                  ("Acceleration", trajectory.acceleration), ("AccelerationSigma", trajectory.acceleration_sigma),
                   ("AngularVelocity", trajectory.rotation), ("AngularVelocitySigma", trajectory.rotation_sigma)]
         alone = np.count_nonzero(trajectory.status != 2) == 1  # one place is no motion
         for name, values in [("Centre", trajectory.centre), ("Covariance", trajectory.covariance)] + ([] if alone else motion):

@@ -62,7 +62,8 @@ class Trajectory:
 
     def digest(self, row):
         """Tells whether what was computed around the sphere of a snapshot still holds."""
-        motion = (self.centre, self.velocity, self.acceleration, self.covariance, self.acceleration_sigma, self.rotation, self.rotation_sigma)
+        motion = (self.centre, self.velocity, self.acceleration, self.covariance, self.velocity_sigma, self.acceleration_sigma,
+                  self.rotation, self.rotation_sigma)
         return hashlib.sha1(b"".join(np.ascontiguousarray(values[row]).tobytes() for values in motion)).hexdigest()
 
 

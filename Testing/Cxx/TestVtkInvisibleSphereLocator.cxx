@@ -209,7 +209,8 @@ TEST(VtkInvisibleSphereLocator, AllTimesTogetherAreTruerAndTellTheRotation) {
   EXPECT_GT(sigma[2], 0);
   EXPECT_LT(sigma[2], 5);
   // the Body is the sphere as the path has it, also its rotation; the centre is what the snapshot says
-  for (const char* name : {"Centre", "Velocity", "Acceleration", "AccelerationSigma", "AngularVelocity"})
+  for (const char* name :
+       {"Centre", "Velocity", "VelocitySigma", "Acceleration", "AccelerationSigma", "AngularVelocity"})
     for (int a = 0; a < 3; ++a)
       EXPECT_EQ(s.output(0)->GetFieldData()->GetArray(name)->GetComponent(0, a),
                 s.output(2)->GetPointData()->GetArray(name)->GetComponent(4, a))

@@ -189,6 +189,23 @@ TEST(VtkSurfaceForce, TheUncertaintyGrowsWithThatOfTheCentre) {
   EXPECT_GT(p.number("sigma_Fp_y_N"), before);
 }
 
+TEST(VtkSurfaceForce, TheUncertaintyGrowsWithThatOfTheVelocity) {
+  Pipeline p(stokes());
+  const auto body = bodyData(stokes().body);
+  p.filter->SetInputDataObject(1, body);
+  const auto sigma = [&](double velocitySigma) {
+    addField(body, "VelocitySigma", {0, velocitySigma, 0}, 3);
+    body->Modified();
+    p.filter->Update();
+    return p.number("sigma_Fv_y_N");
+  };
+  const double without = sigma(0), speed = stokes().body.velocity.norm();
+  EXPECT_GT(sigma(0.01 * speed), without + 0.01 * std::abs(p.number("Fv_y_N")));
+  EXPECT_EQ(sigma(-1), without);                                       // not known
+  EXPECT_EQ(sigma(std::numeric_limits<double>::quiet_NaN()), without); // nor here
+  EXPECT_FALSE(p.errors->GetError() || p.errors->GetWarning());
+}
+
 TEST(VtkSurfaceForce, InertiaNeedsAnAccelerationAndTakesItsUncertainty) {
   Pipeline p(stokes());
   const auto body = bodyData(stokes().body);

@@ -17,8 +17,8 @@ def trajectory(n):
     rows = lambda v: np.tile(np.asarray(v, float), (n, 1))
     return types.SimpleNamespace(
         diameter=DIAMETER, snapshot=np.arange(5, 5 + n), time=0.1 * np.arange(n), status=np.zeros(n, int), centre=rows([0, 0, 0]),
-        velocity=rows(SPEED * MOTION), acceleration=rows([0, 0, 0]), acceleration_sigma=rows([1, 1, 1]), covariance=rows([1e-10] * 3 + [0] * 3),
-        rotation=rows([0, 0, 0]), rotation_sigma=rows([1, 1, 1]))
+        velocity=rows(SPEED * MOTION), velocity_sigma=rows([1e-3] * 3), acceleration=rows([0, 0, 0]), acceleration_sigma=rows([1, 1, 1]),
+        covariance=rows([1e-10] * 3 + [0] * 3), rotation=rows([0, 0, 0]), rotation_sigma=rows([1, 1, 1]))
 
 
 def record(cd, cl=0.0, volume=None, sigma=0.01):
@@ -83,6 +83,7 @@ class TestForces(unittest.TestCase):
 
     def test_one_snapshot_alone_tells_no_velocity(self):
         self.assertTrue(pipeline.body(trajectory(2), 0).GetFieldData().HasArray("Velocity"))
+        self.assertTrue(pipeline.body(trajectory(2), 0).GetFieldData().HasArray("VelocitySigma"))
         self.assertFalse(pipeline.body(trajectory(1), 0).GetFieldData().HasArray("Velocity"))
 
 
