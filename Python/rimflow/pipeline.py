@@ -1,5 +1,6 @@
 """The filters as a chain for headless runs, and what is written from their outputs. The wrapped VTK classes do the work."""
 import ctypes
+import io
 import json
 import os
 import sys
@@ -69,6 +70,19 @@ class Ranks:
         if not self.first:
             return []
         return [text for part in vtk_to_numpy(together).reshape(self.count, length) for text in json.loads(part.tobytes())]
+
+    def shared(self, arrays):
+        """The first rank's dictionary of arrays, on all of them; what the others give does not count."""
+        if self.count == 1:
+            return arrays
+        packed = io.BytesIO()
+        if self.first:
+            np.savez(packed, **arrays)
+        length = int(self.largest(len(packed.getvalue())))
+        everywhere = numpy_to_vtk(np.frombuffer(packed.getvalue().ljust(length), np.uint8).copy(), deep=True)
+        self.controller.Broadcast(everywhere, 0)
+        with np.load(io.BytesIO(vtk_to_numpy(everywhere).tobytes())) as arrays:
+            return dict(arrays)
 
     def largest(self, value):
         """The largest of the ranks' values, on all of them."""

@@ -257,16 +257,13 @@ class Run:
         return {"snapshot": k, "time_s": self.times[k], "seconds": round(time.monotonic() - start, 4), **record}
 
     def smooth(self):
-        """The first rank estimates the path, the others read it."""
+        """The first rank estimates the path and tells it to the others."""
         records = self.records = list(self.read_records().values())
-        smoothed = self.path("snapshots", "smoothed.npz")
+        smoothed = None
         if self.ranks.first:
             walls = [pipeline.read_polydata(self.wall_path(k)) for k in self.selected if os.path.exists(self.wall_path(k))]
-            with files.replacing(smoothed) as temporary, open(temporary, "wb") as f:
-                np.savez(f, **smooth(records, self.options.diameter, walls))
-        self.ranks.wait()
-        with np.load(smoothed) as arrays:
-            trajectory = assembled(records, self.options.diameter, arrays)
+            smoothed = smooth(records, self.options.diameter, walls)
+        trajectory = assembled(records, self.options.diameter, self.ranks.shared(smoothed))
         if self.ranks.first:
             ratio = (self.options.body_density or 0) / self.options.density
             self.written(lambda: files.write_csv(self.path("trajectory.csv"), TRAJECTORY_COLUMNS, trajectory_rows(trajectory)), "trajectory.csv")
@@ -308,6 +305,8 @@ class Run:
 
     def keep_flow(self, k, body, flow, sphere, wake=None):
         """The record last: a snapshot that has it is done."""
+        with contextlib.suppress(FileNotFoundError):  # of another path; without --movie no new one replaces it
+            os.remove(self.wake_path(k))
         surface = pipeline.sphere(body) if flow.surface is None else flow.surface
         reasons = [flow.failed, self.written(lambda: pipeline.write_polydata(self.sphere_path(k), surface), f"snapshot {k}")]
         if self.with_fields and flow.image is not None:

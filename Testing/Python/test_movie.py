@@ -3,6 +3,7 @@ damaged file ends it. Draws with ParaView."""
 import json
 import os
 import tempfile
+import types
 import unittest
 
 import numpy as np
@@ -12,7 +13,7 @@ from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 from vtkmodules.vtkCommonDataModel import vtkImageData
 
 from rimflow import movie, pipeline
-from rimflow.process import Trajectory
+from rimflow.process import Run, Trajectory
 
 DIAMETER, SPEED, STEP = 0.01, 0.2, 0.01
 SNAPSHOTS = np.arange(3, 8)  # 3, 4, 5 are whole, 6 is missing, 7 damaged, and 8 would be lost
@@ -120,6 +121,18 @@ class TestMovie(unittest.TestCase):
         self.assertIn(b"MJPG", head)
         with Image.open(self.file("preview.webp")) as preview:
             self.assertEqual((preview.n_frames, preview.size), (3, (800, 500)))
+
+    def test_the_wake_of_another_path_does_not_stay(self):
+        with tempfile.TemporaryDirectory() as out:
+            for name in ("sphere", "wake", "snapshots"):
+                os.mkdir(os.path.join(out, name))
+            run = Run.__new__(Run)
+            run.options, run.with_fields, run.unwritten = types.SimpleNamespace(out=out), False, []
+            t = self.trajectory
+            pipeline.write_polydata(run.wake_path(3), movie.wake(ring(t.centre[1]), movie.wake_level(t)))
+            run.keep_flow(3, pipeline.body(t, 0), pipeline.Flow(), t.digest(0))  # resumed without --movie
+            self.assertTrue(os.path.exists(run.flow_record_path(3)))
+            self.assertFalse(os.path.exists(run.wake_path(3)))
 
     def test_without_a_sphere_there_is_no_movie(self):
         with tempfile.TemporaryDirectory() as out:
