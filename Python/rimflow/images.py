@@ -7,6 +7,7 @@ import numpy as np
 from rimflow.files import replacing
 from rimflow.force_report import LETTERS
 from rimflow.options import is_series
+from rimflow.pipeline import FOUND
 
 SIZE, TITLE = (1400, 1050), 60  # pixels; TITLE: height of the strip above the picture
 TILE, TALL_TILE = (520, 520), (520, 780)
@@ -21,7 +22,7 @@ def draw(out, trajectory, tracks, up, forces=None):
     """
     from paraview import simple
 
-    found = np.flatnonzero(trajectory.status == 0)
+    found = np.flatnonzero(trajectory.status == FOUND)
     if not len(found):
         return
     row = found[len(found) // 2]

@@ -19,6 +19,7 @@ from vtkmodules.vtkIOXML import vtkXMLImageDataReader
 
 from rimflow import files, force_report, forces, pipeline
 from rimflow.images import Scene, pixels, q_level
+from rimflow.pipeline import LOST, PREDICTED
 from rimflow.progress import ProgressBar
 
 PICTURE, PANEL = (900, 900), (540, 900)  # pixels: what ParaView draws, and the numbers to the right of it
@@ -36,8 +37,8 @@ def draw(out, trajectory, loads, up):
     folder = os.path.join(out, "report", "movie")
     shutil.rmtree(folder, ignore_errors=True)
     os.makedirs(folder)
-    left_out = [(int(k), "the sphere is lost") for k in trajectory.snapshot[trajectory.status == 2]]
-    rows = np.flatnonzero(trajectory.status != 2)
+    left_out = [(int(k), "the sphere is lost") for k in trajectory.snapshot[trajectory.status == LOST]]
+    rows = np.flatnonzero(trajectory.status != LOST)
     if not len(rows):
         return left_out
     limit = pressure_limit(out, trajectory, rows)
@@ -67,7 +68,7 @@ def draw(out, trajectory, loads, up):
 
 def wake_level(trajectory):
     """The Q of the surface that shows the wake, the same in all frames."""
-    speed = np.linalg.norm(trajectory.velocity[trajectory.status != 2], axis=1)
+    speed = np.linalg.norm(trajectory.velocity[trajectory.status != LOST], axis=1)
     return float(q_level(speed.mean() if len(speed) else 0.0, trajectory.diameter))
 
 
@@ -235,7 +236,7 @@ class Panel:
         """What the snapshot says in numbers."""
         t = self.trajectory
         yield f"t = {t.time[row]:.{self.decimals}f} s", self.font
-        yield f"snapshot {int(t.snapshot[row])}" + (", predicted from its neighbours" if t.status[row] == 1 else ""), self.small
+        yield f"snapshot {int(t.snapshot[row])}" + (", predicted from its neighbours" if t.status[row] == PREDICTED else ""), self.small
         speed = np.linalg.norm(t.velocity[row])
         if np.isfinite(speed):
             yield f"V = {speed:.4g} m/s", self.font

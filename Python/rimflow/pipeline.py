@@ -27,7 +27,7 @@ from rimflow.vtkRIMFlowReaders import vtkSphereTrajectoryWriter, vtkSTBTrackRead
 
 FIELD_ARRAYS = ("Velocity", "MaterialAcceleration", "Vorticity", "QCriterion", "Pressure", "PressureError", "Mask", "vtkGhostType")
 
-
+FOUND, PREDICTED, LOST = 0, 1, 2  # `Status` of the sphere: in the snapshot itself, from its neighbours, not at all
 # Chi-squared of three components beyond which a motion is more than noise, as the filters take it (Filters/Common/vtkBodyFromPolyData.h).
 SIGNIFICANT = 14.16
 WORLD = vtkMultiProcessController.GetGlobalController()  # all ranks, also when ParaView's controller is one rank's own
@@ -305,7 +305,7 @@ def located(found):
     value = lambda name: _values(found, name)
     status = int(value("Status")[0])
     record = {"status": status, "status_text": _text(found, "StatusText")}
-    if status != 2:
+    if status != LOST:
         record.update(centre_m=value("Centre"), covariance_m2=value("Covariance"), cost=value("Cost")[0],
                       gradient_norm=value("GradientNorm")[0], iterations=int(value("Iterations")[0]),
                       particles_inside=int(value("ParticlesInside")[0]), offset_void_m=value("OffsetVoid")[0],
@@ -387,11 +387,11 @@ def body(trajectory, row):
     data = vtkPolyData()
     add_array(data.GetFieldData(), "Time", np.array([trajectory.time[row]]))
     add_array(data.GetFieldData(), "Status", np.array([int(trajectory.status[row])], np.int32))
-    if trajectory.status[row] != 2:
+    if trajectory.status[row] != LOST:
         motion = [("Velocity", trajectory.velocity), ("VelocitySigma", trajectory.velocity_sigma),
                   ("Acceleration", trajectory.acceleration), ("AccelerationSigma", trajectory.acceleration_sigma),
                   ("AngularVelocity", trajectory.rotation), ("AngularVelocitySigma", trajectory.rotation_sigma)]
-        alone = np.count_nonzero(trajectory.status != 2) == 1  # one place is no motion
+        alone = np.count_nonzero(trajectory.status != LOST) == 1  # one place is no motion
         for name, values in [("Centre", trajectory.centre), ("Covariance", trajectory.covariance)] + ([] if alone else motion):
             add_array(data.GetFieldData(), name, values[row][None, :])
         add_array(data.GetFieldData(), "Diameter", np.array([trajectory.diameter]))
@@ -416,7 +416,7 @@ def sphere(body_data):
 
 def polyline(trajectory):
     """The smoothed trajectory as one line through the snapshots where the sphere is known."""
-    known = trajectory.status != 2
+    known = trajectory.status != LOST
     data, lines = vtkPolyData(), vtkCellArray()
     data.SetPoints(vtk_points(trajectory.centre[known]))
     lines.InsertNextCell(int(known.sum()))

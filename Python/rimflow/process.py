@@ -23,9 +23,9 @@ import numpy as np
 
 from rimflow import files, forces, options as command_line, pipeline
 from rimflow.options import UsageError
+from rimflow.pipeline import FOUND, LOST, PREDICTED
 from rimflow.progress import ProgressBar
 
-FOUND, PREDICTED, LOST = 0, 1, 2
 # Snapshots through which the sphere is followed; at the first one of each block the search knows nothing. A search from elsewhere ends
 # some hundredths of a micrometre away, so the blocks must be the same for any number of ranks, and are searched anew as a whole.
 BLOCK = 10

@@ -19,11 +19,10 @@ import numpy as np
 from rimflow import force_report
 from rimflow.files import replacing, write_text
 from rimflow.forces import standard_drag
-from rimflow.pipeline import SIGNIFICANT
+from rimflow.pipeline import FOUND, LOST, PREDICTED, SIGNIFICANT
 
 AXES = ("x", "y", "z")
 COLOURS = ("#c1433c", "#3b7d3c", "#33609e")
-FOUND, PREDICTED, LOST = 0, 1, 2
 STYLE = """body{font:16px/1.5 sans-serif;max-width:1100px;margin:2em auto;padding:0 1em;color:#222}
 h2{margin-top:2em;border-bottom:1px solid #ccc}nav a{margin-right:1.2em}pre{white-space:pre-wrap;overflow-wrap:anywhere;font-size:13px}
 .numbers td,.numbers th{padding:0.1em 1.2em 0.1em 0;font-variant-numeric:tabular-nums}
