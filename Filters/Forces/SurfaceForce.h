@@ -27,8 +27,10 @@ struct ForceOptions {
 /// A force with its uncertainty, N.
 struct Force {
   Eigen::Vector3d value = Eigen::Vector3d::Zero();
-  Eigen::Vector3d sigma = Eigen::Vector3d::Zero(); ///< standard deviation per component
-  bool known = false;                              ///< false: value and sigma mean nothing
+  /// Standard deviation per component: of the covariances in ForceOptions, of the pressure's error, and of
+  /// the models, which err alike in all snapshots.
+  Eigen::Vector3d sigma = Eigen::Vector3d::Zero();
+  bool known = false; ///< false: value and sigma mean nothing
 };
 
 /// Forces of the fluid on the body, without buoyancy (the dynamic part). Torque about the body's centre.

@@ -155,10 +155,11 @@ def conclusions(run):
         result.append(f"The motion of the sphere with its buoyancy and weight demands Cd = {motion['Cd_mean']:.3f}, {100 * apart / abs(cd):.1f} % from "
                       "the surface's. It needs no flow field, but the right densities, and a sphere that moves freely.")
     if sigma and surface["snapshots"] > 2:
-        ratio = surface["Cd_std"] / sigma
+        ratio, slow = surface["Cd_std"] / sigma, surface["Cd_std"] > 1.5 * surface["Cd_step"]
         result.append(f"Over time Cd varies by {surface['Cd_std']:.3f} (one standard deviation), {ratio:.1f} times the stated uncertainty of one snapshot: "
-                      + ("no change of the drag can be told from the noise." if ratio < 1.5 else
-                         "the drag changes over the recording." if surface["Cd_std"] > 1.5 * surface["Cd_step"] else
+                      + ("the drag changes over the recording." if slow and ratio >= 1.5 else
+                         "it changes slowly, by less than what is uncertain; as part of that is alike in all snapshots, the change may be real." if slow else
+                         "no change of the drag can be told from the noise." if ratio < 1.5 else
                          "neighbouring snapshots scatter as much, so this is noise, and the stated uncertainty is too small."))
     if run["reynolds"]:
         result.append(f"A fixed sphere in steady flow at the mean Reynolds number, {run['reynolds']:.4g}, has Cd = "

@@ -200,7 +200,7 @@ TEST(VtkSurfaceForce, TheUncertaintyGrowsWithThatOfTheVelocity) {
     return p.number("sigma_Fv_y_N");
   };
   const double without = sigma(0), speed = stokes().body.velocity.norm();
-  EXPECT_GT(sigma(0.01 * speed), without + 0.01 * std::abs(p.number("Fv_y_N")));
+  EXPECT_GT(sigma(0.01 * speed), std::hypot(without, 0.02 * p.number("Fv_y_N")));
   EXPECT_EQ(sigma(-1), without);                                       // not known
   EXPECT_EQ(sigma(std::numeric_limits<double>::quiet_NaN()), without); // nor here
   EXPECT_FALSE(p.errors->GetError() || p.errors->GetWarning());

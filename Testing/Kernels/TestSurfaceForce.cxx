@@ -211,10 +211,10 @@ TEST(SurfaceForce, TheCentresUncertaintyIsCarriedOver) {
   flow.body.velocity = Vec(0, 2e-4, 0);
   const Fields f(flow, 41, true);
   ForceOptions o = fluidOf(flow);
-  EXPECT_EQ(surfaceForce(f.view(), flow.body, o).dragSigma, 0);
+  const double before = surfaceForce(f.view(), flow.body, o).dragSigma;
   o.centreCovariance = Eigen::Matrix3d::Identity() * std::pow(0.1e-3, 2);
   const ForceResult r = surfaceForce(f.view(), flow.body, o);
-  EXPECT_GT(r.dragSigma, 0);
+  EXPECT_GT(r.dragSigma, before);
   EXPECT_LT(r.dragSigma, 0.1 * r.drag);
 }
 
@@ -226,19 +226,38 @@ TEST(SurfaceForce, TheVelocitysUncertaintyIsCarriedOver) {
   flow.body.velocity = Vec(0, 2e-4, 0);
   const Fields f(flow, 41, true);
   ForceOptions o = fluidOf(flow);
-  const double sigma = 0.01 * flow.body.velocity.norm();
-  o.velocityCovariance = Vec(0, sigma * sigma, 0).asDiagonal();
-  const ForceResult r = surfaceForce(f.view(), flow.body, o);
-  EXPECT_GT(r.dragSigma, 0.02 * r.drag);
-  EXPECT_LT(r.dragSigma, 0.06 * r.drag);
-  EXPECT_GT(r.controlVolumeDragSigma, 0.01 * r.drag);
-  EXPECT_LT(r.controlVolumeDragSigma, 0.03 * r.drag);
-  EXPECT_LT(r.liftSigma, 1e-3 * r.dragSigma); // along the motion alone
-
-  o.velocityCovariance *= 4;
-  EXPECT_NEAR(surfaceForce(f.view(), flow.body, o).dragSigma, 2 * r.dragSigma, 1e-3 * r.dragSigma);
+  const ForceResult without = surfaceForce(f.view(), flow.body, o);
+  const double speed = flow.body.velocity.norm();
+  const auto by = [&](double sigma, double ForceResult::*which) {
+    o.velocityCovariance = Vec(0, sigma * sigma, 0).asDiagonal();
+    return std::sqrt(std::pow(surfaceForce(f.view(), flow.body, o).*which, 2) - std::pow(without.*which, 2));
+  };
+  const double drag = by(0.01 * speed, &ForceResult::dragSigma);
+  EXPECT_GT(drag, 0.02 * without.drag);
+  EXPECT_LT(drag, 0.06 * without.drag);
+  const double balance = by(0.01 * speed, &ForceResult::controlVolumeDragSigma);
+  EXPECT_GT(balance, 0.01 * without.drag);
+  EXPECT_LT(balance, 0.03 * without.drag);
+  EXPECT_LT(by(0.01 * speed, &ForceResult::liftSigma), 1e-3 * drag); // along the motion alone
+  EXPECT_NEAR(by(0.02 * speed, &ForceResult::dragSigma), 2 * drag, 1e-3 * drag);
   o.viscosity = 0; // the fluid slips
   EXPECT_EQ(surfaceForce(f.view(), flow.body, o).friction.sigma, Vec::Zero());
+}
+
+// A grid as coarse as the boundary layer is thick, and coarser, makes friction too large.
+TEST(SurfaceForce, ACoarseGridIsLessCertain) {
+  AnalyticFlow flow = sphere(FlowKind::StokesSphere);
+  flow.body.velocity = Vec(0, 2e-4, 0);
+  const Fields f(flow, 41, true);
+  const auto relativeSigma = [&](double viscosity) {
+    flow.viscosity = viscosity;
+    const ForceResult r = surfaceForce(f.view(), flow.body, fluidOf(flow));
+    return r.friction.sigma.norm() / r.friction.value.norm();
+  };
+  EXPECT_NEAR(relativeSigma(1e-3), 0.06, 0.001);
+  const double h = f.view().grid.spacing[0];
+  // delta = sqrt(d nu/V) = h/2
+  EXPECT_NEAR(relativeSigma(0.25 * h * h * 2e-4 / flow.body.diameter), std::hypot(0.06, 0.24), 0.001);
 }
 
 TEST(SurfaceForce, SaysWhatItCannotUse) {
