@@ -237,10 +237,11 @@ struct Deviations {
     for (const Vec& d : list) sum += std::pow(d.dot(e), 2);
     return std::sqrt(sum);
   }
+  /// Of each of the two components across e, on average.
   double across(const Vec& e) const {
     double sum = 0;
     for (const Vec& d : list) sum += (d - d.dot(e) * e).squaredNorm();
-    return std::sqrt(sum);
+    return std::sqrt(0.5 * sum);
   }
   void addComponents(const Vec& sigma) {
     for (int a = 0; a < 3; ++a) list.push_back(sigma[a] * Vec::Unit(a));
@@ -414,6 +415,7 @@ void setDragAndLift(const Body& body, double density, const Uncertainty& uncerta
   if (!out.controlVolume.known) return;
   out.controlVolumeDrag = -out.controlVolume.value.dot(e);
   out.controlVolumeDragSigma = uncertainty.balance.along(e);
+  out.controlVolumeLiftSigma = uncertainty.balance.across(e);
   out.controlVolumeLift = out.controlVolume.value + out.controlVolumeDrag * e;
   out.controlVolumeDragCoefficient = out.controlVolumeDrag / scale;
 }

@@ -48,14 +48,15 @@ struct ForceResult {
   Eigen::Vector3d torque = Eigen::Vector3d::Zero();      ///< N m, of the friction and the pressure
   double drag = 0, dragSigma = 0;                        ///< of pressure + friction against the motion, N
   Eigen::Vector3d lift = Eigen::Vector3d::Zero();        ///< the rest of pressure + friction, N
-  double liftSigma = 0;
-  double dragCoefficient = 0, liftCoefficient = 0; ///< over rho V^2/2 pi d^2/4; NaN when the body rests
+  double liftSigma = 0;                                  ///< of each of the two components of lift, N
+  double dragCoefficient = 0, liftCoefficient = 0;       ///< over rho V^2/2 pi d^2/4; NaN when the body rests
   double controlVolumeDrag = 0, controlVolumeDragCoefficient = 0; ///< the same from the control volume
   double controlVolumeDragSigma = 0;                              ///< N
   Eigen::Vector3d controlVolumeLift = Eigen::Vector3d::Zero();
-  double controlVolumeRadius = 0; ///< as used, m; 0: none fits into the grid
-  double coverage = 0;            ///< part of the surface that is seen, 0 to 1
-  std::string note;               ///< what the user should know; empty: all is well
+  double controlVolumeLiftSigma = 0; ///< as liftSigma, N
+  double controlVolumeRadius = 0;    ///< as used, m; 0: none fits into the grid
+  double coverage = 0;               ///< part of the surface that is seen, 0 to 1
+  std::string note;                  ///< what the user should know; empty: all is well
 };
 
 /// Pressure, friction and momentum balance around a sphere. Throws std::invalid_argument when the body lies

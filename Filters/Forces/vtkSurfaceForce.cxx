@@ -115,6 +115,7 @@ Row rowOf(double time, double sphere, const ForceResult& r, double dynamicForce)
   row.add("drag_cv_N", balanced ? r.controlVolumeDrag : Nothing);
   row.add("sigma_drag_cv_N", balanced ? r.controlVolumeDragSigma : Nothing);
   row.add("lift_cv_N", liftCv);
+  row.add("sigma_lift_cv_N", balanced ? r.controlVolumeLiftSigma : Nothing);
   row.add("Cd_cv", balanced ? r.controlVolumeDragCoefficient : Nothing);
   row.add("Cl_cv", liftCv / dynamicForce);
   row.add("torque", r.torque, "_N_m");

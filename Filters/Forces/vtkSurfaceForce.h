@@ -20,8 +20,8 @@
  * one row per body (see the column list in the user guide): `Time` (s), `SphereId`, forces of pressure
  * `Fp_x_N` .. , friction `Fv_x_N` .. , control volume `Fcv_x_N` .. , inertia `Fin_x_N` .. , `drag_N`,
  * `lift_N`, `Cd`, `Cl` (from pressure and friction), standard deviations `sigma_...`, `lift_x_N` .. ,
- * `drag_cv_N`, `sigma_drag_cv_N`, `lift_cv_N`, `Cd_cv`, `Cl_cv`, `torque_x_N_m` .. , `coverage`,
- * `control_volume_radius_m`, `note`. What is not known is not a number.
+ * `drag_cv_N`, `sigma_drag_cv_N`, `lift_cv_N`, `sigma_lift_cv_N`, `Cd_cv`, `Cl_cv`, `torque_x_N_m` .. ,
+ * `coverage`, `control_volume_radius_m`, `note`. What is not known is not a number.
  *
  * A Body that is lost (`Status` 2), or that has no fluid around it in the image, has a row that is not a
  * number, with a note, and no surface; so a series goes on.

@@ -6,7 +6,7 @@ import numpy as np
 COLUMNS = "snapshot,time_s,Fp_x_N,Fp_y_N,Fp_z_N,Fv_x_N,Fv_y_N,Fv_z_N,Fcv_x_N,Fcv_y_N,Fcv_z_N,Fin_x_N,Fin_y_N,Fin_z_N,drag_N,lift_N,Cd,Cl".split(",")
 # further numbers of vtkSurfaceForce's table
 FURTHER = [f"sigma_{force}_{axis}_N" for force in ("Fp", "Fv", "Fcv", "Fin") for axis in "xyz"] + (
-    "sigma_drag_N,sigma_lift_N,lift_x_N,lift_y_N,lift_z_N,drag_cv_N,sigma_drag_cv_N,lift_cv_N,Cd_cv,Cl_cv,torque_x_N_m,torque_y_N_m,torque_z_N_m,"
+    "sigma_drag_N,sigma_lift_N,lift_x_N,lift_y_N,lift_z_N,drag_cv_N,sigma_drag_cv_N,lift_cv_N,sigma_lift_cv_N,Cd_cv,Cl_cv,torque_x_N_m,torque_y_N_m,torque_z_N_m,"
     "coverage,control_volume_radius_m").split(",")
 
 
@@ -69,14 +69,13 @@ class Estimate:
     key: str                # in run.json
     force: np.ndarray       # (n, 3), N
     drag_sigma: np.ndarray  # standard deviation as stated, N; NaN where it is not
-    lift_sigma: np.ndarray  # of the lift's magnitude, N
+    lift_sigma: np.ndarray  # of each of the two components of lift, N
 
 
 def estimates(f):
     """What each method says of the same force."""
-    _, lift_cv = projected(f.vector("sigma_Fcv"), f.motion)
     return [Estimate("surface, pressure and friction", "surface", f.vector("Fp") + f.vector("Fv"), f["sigma_drag_N"], f["sigma_lift_N"]),
-            Estimate("control volume", "control_volume", f.vector("Fcv"), f["sigma_drag_cv_N"], lift_cv),
+            Estimate("control volume", "control_volume", f.vector("Fcv"), f["sigma_drag_cv_N"], f["sigma_lift_cv_N"]),
             Estimate("motion and buoyancy", "motion", f.vector("Fin"), *projected(f.vector("sigma_Fin"), f.motion))]
 
 

@@ -141,6 +141,7 @@ TEST(VtkSurfaceForce, HasTheColumnsOfTheContract) {
                            "lift_x_N",
                            "drag_cv_N",
                            "lift_cv_N",
+                           "sigma_lift_cv_N",
                            "Cd_cv",
                            "Cl_cv",
                            "torque_x_N_m",

@@ -228,8 +228,8 @@ TEST(SurfaceForce, TheVelocitysUncertaintyIsCarriedOver) {
   ForceOptions o = fluidOf(flow);
   const ForceResult without = surfaceForce(f.view(), flow.body, o);
   const double speed = flow.body.velocity.norm();
-  const auto by = [&](double sigma, double ForceResult::*which) {
-    o.velocityCovariance = Vec(0, sigma * sigma, 0).asDiagonal();
+  const auto by = [&](double sigma, double ForceResult::*which, const Vec& axes = Vec::UnitY()) {
+    o.velocityCovariance = sigma * sigma * Eigen::Matrix3d(axes.asDiagonal());
     return std::sqrt(std::pow(surfaceForce(f.view(), flow.body, o).*which, 2) - std::pow(without.*which, 2));
   };
   const double drag = by(0.01 * speed, &ForceResult::dragSigma);
@@ -239,7 +239,11 @@ TEST(SurfaceForce, TheVelocitysUncertaintyIsCarriedOver) {
   EXPECT_GT(balance, 0.01 * without.drag);
   EXPECT_LT(balance, 0.03 * without.drag);
   EXPECT_LT(by(0.01 * speed, &ForceResult::liftSigma), 1e-3 * drag); // along the motion alone
+  EXPECT_LT(by(0.01 * speed, &ForceResult::controlVolumeLiftSigma), 1e-3 * drag);
   EXPECT_NEAR(by(0.02 * speed, &ForceResult::dragSigma), 2 * drag, 1e-3 * drag);
+  // Stokes: alike in all directions, and a lift has two components
+  EXPECT_NEAR(by(0.01 * speed, &ForceResult::liftSigma, Vec::Ones()), drag, 0.02 * drag);
+  EXPECT_NEAR(by(0.01 * speed, &ForceResult::controlVolumeLiftSigma, Vec::Ones()), balance, 0.02 * balance);
   o.viscosity = 0; // the fluid slips
   EXPECT_EQ(surfaceForce(f.view(), flow.body, o).friction.sigma, Vec::Zero());
 }

@@ -29,7 +29,7 @@ def record(cd, cl=0.0, volume=None, sigma=0.01):
         numbers.update({f"{name}_{a}_N": force[i] for i, a in enumerate("xyz")})
         numbers.update({f"sigma_{name}_{a}_N": sigma * REFERENCE for a in "xyz"})
     numbers.update(drag_N=cd * REFERENCE, lift_N=cl * REFERENCE, Cd=cd, Cl=cl)
-    numbers.update({name: sigma * REFERENCE for name in ("sigma_drag_N", "sigma_lift_N", "sigma_drag_cv_N")})
+    numbers.update({name: sigma * REFERENCE for name in ("sigma_drag_N", "sigma_lift_N", "sigma_drag_cv_N", "sigma_lift_cv_N")})
     return {"forces": numbers}
 
 
