@@ -9,6 +9,7 @@
 #include <limits>
 #include <optional>
 #include <stdexcept>
+#include <utility>
 
 namespace rimflow {
 
@@ -241,7 +242,7 @@ struct Deviations {
   double across(const Vec& e) const {
     double sum = 0;
     for (const Vec& d : list) sum += (d - d.dot(e) * e).squaredNorm();
-    return std::sqrt(0.5 * sum);
+    return e.isZero() ? 0 : std::sqrt(0.5 * sum);
   }
   void addComponents(const Vec& sigma) {
     for (int a = 0; a < 3; ++a) list.push_back(sigma[a] * Vec::Unit(a));
@@ -303,7 +304,7 @@ std::optional<Variations> variations(const Surface& surface, const Body& body, c
       all.frictionAtOtherVelocity[axis] = surface.friction(other, watch);
     }
   });
-  return done ? std::optional(all) : std::nullopt;
+  return done ? std::optional(std::move(all)) : std::nullopt;
 }
 
 /// What each force is uncertain by.
@@ -322,20 +323,15 @@ struct Uncertainty {
       add(d.pressureForce - forces.pressureForce, d.friction - forces.friction,
           d.balance.force - forces.balance.force);
     // With another velocity of the wall the fields would be others, too: the flow follows the wall as far as
-    // the nearest particles. Measured by VIC# with a velocity that is 1 % off (Re 0.1 to 250, 8 to 16
-    // spacings per diameter, along and across): friction changes by 0.4 to 1.2 of what it does in the fields
-    // as they are, mean 0.7; the pressure force by -0.3 to 0.2 of that, mean 0; the balance by -0.1 to 0.5,
-    // rms 0.25.
+    // the nearest particles. Parts of the change of friction in the fields as they are that are left then,
+    // and the models' errors: measured, Documentation/methods-forces.md, Uncertainty.
     constexpr double ToFriction = 0.7, ToBalance = 0.25;
     for (const Vec& other : all.frictionAtOtherVelocity) {
       const Vec change = other - forces.friction;
       add(Vec::Zero(), ToFriction * change, ToBalance * change);
     }
-    // The model errors, alike in all snapshots of a recording, measured against known forces (Re 1 to 250,
-    // with and without noise): the particles leave the layer at the wall to the resampling, and a coarse grid
-    // makes friction too large by 0.06 (h/delta)^2.
-    constexpr double PressureModel = 0.04, BalanceModel = 0.02;
-    const double frictionModel = std::hypot(0.06, 0.06 * coarseness * coarseness);
+    constexpr double PressureModel = 0.04, BalanceModel = 0.02, Coarsest = 4; // then the fit's layer is h/4
+    const double frictionModel = std::hypot(0.06, 0.06 * std::pow(std::min(coarseness, Coarsest), 2));
     add(PressureModel * forces.pressureForce, Vec::Zero(), Vec::Zero());
     add(Vec::Zero(), frictionModel * forces.friction, BalanceModel * forces.balance.force);
     constexpr double CellsOfOneError = 8; // the pressure's error is alike over two spacings
@@ -438,6 +434,10 @@ ForceResult surfaceForce(const ForceFields& fields, const Body& body, const Forc
   if (out.coverage > 1 - 1e-9) out.coverage = 1;
   if (out.coverage < 1)
     addNote(out.note, "only " + percent(out.coverage) + " of the surface is seen, the rest is carried over");
+
+  if (surface.coarseness() > 1)
+    addNote(out.note, "the spacing is " + percent(surface.coarseness()) +
+                          " of the boundary layer's thickness d/sqrt(Re): friction comes out too large");
 
   const std::optional<Variations> all = variations(surface, body, options, part(progress, 0.1, 0.8));
   if (!all) return {};

@@ -48,8 +48,8 @@ struct ForceResult {
   Eigen::Vector3d torque = Eigen::Vector3d::Zero();      ///< N m, of the friction and the pressure
   double drag = 0, dragSigma = 0;                        ///< of pressure + friction against the motion, N
   Eigen::Vector3d lift = Eigen::Vector3d::Zero();        ///< the rest of pressure + friction, N
-  double liftSigma = 0;                                  ///< of each of the two components of lift, N
-  double dragCoefficient = 0, liftCoefficient = 0;       ///< over rho V^2/2 pi d^2/4; NaN when the body rests
+  double liftSigma = 0; ///< of each of the two components of lift, N; at rest 0, as dragSigma
+  double dragCoefficient = 0, liftCoefficient = 0; ///< over rho V^2/2 pi d^2/4; NaN when the body rests
   double controlVolumeDrag = 0, controlVolumeDragCoefficient = 0; ///< the same from the control volume
   double controlVolumeDragSigma = 0;                              ///< N
   Eigen::Vector3d controlVolumeLift = Eigen::Vector3d::Zero();

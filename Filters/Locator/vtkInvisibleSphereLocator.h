@@ -8,23 +8,24 @@
  *
  * Output 0, Sphere: the surface at the found place, with point normals; the arrays of output 1 as field data,
  * so that it serves as a Body. Empty when the sphere was not found. Output 1, Centre: one point with, as
- * point and field data, what this snapshot says by itself: `Time` (s), `Centre`, `Velocity`, `Acceleration`
- * (3), `Covariance` (6: xx yy zz xy yz xz, m2), `Sigma` (3, m), `SigmaTensor` (9, m, square root of the
- * covariance, for Tensor Glyph), `Diameter` and `DiameterSigma` (m), `SphereId`, `Cost`, `GradientNorm`
- * (1/m), `Iterations`, `ParticlesInside`, `OffsetVoid`, `OffsetVelocity`, `OffsetVortex` (m; -1: not
- * computed), `Status` (0 found, 2 lost), `StatusText`. Velocity and Acceleration come from the smoothed
- * trajectory; while only one snapshot is known, the velocity comes from the particles at the wall (no slip).
- * When lost: no point, and Time, Diameter, Status and StatusText as field data. Output 2, Trajectory: a
- * polyline over all times visited so far (all times with ProcessAllTimes), smoothed; the arrays of output 1
- * and those of vtkTrajectorySmoother, with `RawCentre` as the single-snapshot estimate. Snapshots where
- * nothing was found have Status 1 and are bridged while their predicted centre is certain to a radius
- * (StatusText says why nothing was found; Cost, GradientNorm and RawCentre are no numbers, ParticlesInside is
- * -1); beyond that they are left out. As soon as all times of the input have been visited, the trajectory is
- * the joint estimate of all snapshots, and output 0 is the sphere as that has it, with its motion, also where
- * it is bridged: the Body for the flow; Centre stays what the snapshot says by itself. Output 3, Wall: the
- * tracers next to the wall at this time, which decide where it is, with `Distance` from the wall (m),
- * `Velocity` and `TrackId` (a sample of tracks beyond the wall's immediate neighbourhood); with all that
- * vtkTrajectorySmoother needs for the joint estimate as field data.
+ * point and field data, what this snapshot says by itself: `Time` (s), `Centre`, `Velocity`, `Acceleration`,
+ * `AngularVelocity` and of the latter three `VelocitySigma` .. (3; -1: not known), `Covariance` (6: xx yy zz
+ * xy yz xz, m2), `Sigma` (3, m), `SigmaTensor` (9, m, square root of the covariance, for Tensor Glyph),
+ * `Diameter` and `DiameterSigma` (m), `SphereId`, `Cost`, `GradientNorm` (1/m), `Iterations`,
+ * `ParticlesInside`, `OffsetVoid`, `OffsetVelocity`, `OffsetVortex` (m; -1: not computed), `Status` (0 found,
+ * 2 lost), `StatusText`. Velocity and Acceleration come from the smoothed trajectory; while only one snapshot
+ * is known, the velocity comes from the particles at the wall (no slip). When lost: no point, and Time,
+ * Diameter, Status and StatusText as field data. Output 2, Trajectory: a polyline over all times visited so
+ * far (all times with ProcessAllTimes), smoothed; the arrays of output 1 and those of vtkTrajectorySmoother,
+ * with `RawCentre` as the single-snapshot estimate. Snapshots where nothing was found have Status 1 and are
+ * bridged while their predicted centre is certain to a radius (StatusText says why nothing was found; Cost,
+ * GradientNorm and RawCentre are no numbers, ParticlesInside is -1); beyond that they are left out. As soon
+ * as all times of the input have been visited, the trajectory is the joint estimate of all snapshots, and
+ * output 0 is the sphere as that has it, with its motion, also where it is bridged: the Body for the flow;
+ * Centre stays what the snapshot says by itself. Output 3, Wall: the tracers next to the wall at this time,
+ * which decide where it is, with `Distance` from the wall (m), `Velocity` and `TrackId` (a sample of tracks
+ * beyond the wall's immediate neighbourhood); with all that vtkTrajectorySmoother needs for the joint
+ * estimate as field data.
  *
  * With several spheres (OtherDiameters) outputs 0 to 2 hold them one after the other: a surface, a point, a
  * line for each that was found. Wall is that of the first; it is empty with the published cost, whose

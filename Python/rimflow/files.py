@@ -20,8 +20,13 @@ def replacing(path):
         error.filename = path  # a disk that is full does not say where
         raise
     finally:
-        with contextlib.suppress(FileNotFoundError):
-            os.remove(temporary)
+        remove(temporary)
+
+
+def remove(path):
+    """Removes a file that may not be there."""
+    with contextlib.suppress(FileNotFoundError):
+        os.remove(path)
 
 
 def remove_parts(folder):

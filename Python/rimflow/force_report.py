@@ -147,7 +147,7 @@ def conclusions(run):
         apart = abs(volume["Cd_mean"] - cd)
         margin = 2 * np.hypot(sigma or surface["Cd_step"] or 0, volume["Cd_sigma"] or volume["Cd_step"] or 0)
         result.append(f"Surface and control volume differ by {100 * apart / abs(volume['Cd_mean']):.1f} % in their mean drag, "
-                      + ("within two standard deviations: two independent ways give the same force." if apart <= margin else
+                      + (f"within two standard deviations of that difference ({100 * margin / abs(volume['Cd_mean']):.0f} %)." if apart <= margin else
                          "more than two standard deviations. The surface depends on the layer next to the wall, which the grid may not resolve; "
                          "the control volume depends on it far less, but needs undisturbed data around the sphere. Take their difference as the uncertainty."))
     if motion:
@@ -158,8 +158,8 @@ def conclusions(run):
         ratio, slow = surface["Cd_std"] / sigma, surface["Cd_std"] > 1.5 * surface["Cd_step"]
         result.append(f"Over time Cd varies by {surface['Cd_std']:.3f} (one standard deviation), {ratio:.1f} times the stated uncertainty of one snapshot: "
                       + ("the drag changes over the recording." if slow and ratio >= 1.5 else
-                         "it changes slowly, by less than what is uncertain; as part of that is alike in all snapshots, the change may be real." if slow else
-                         "no change of the drag can be told from the noise." if ratio < 1.5 else
+                         "it changes slowly, by less than what is uncertain. The change may be real, as part of that is alike in all snapshots, or the error of the sphere's velocity, which changes slowly, too." if slow else
+                         "no change of the drag can be told from what is uncertain." if ratio < 1.5 else
                          "neighbouring snapshots scatter as much, so this is noise, and the stated uncertainty is too small."))
     if run["reynolds"]:
         result.append(f"A fixed sphere in steady flow at the mean Reynolds number, {run['reynolds']:.4g}, has Cd = "

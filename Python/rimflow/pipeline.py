@@ -81,8 +81,8 @@ class Ranks:
         length = int(self.largest(len(packed.getvalue())))
         everywhere = numpy_to_vtk(np.frombuffer(packed.getvalue().ljust(length), np.uint8).copy(), deep=True)
         self.controller.Broadcast(everywhere, 0)
-        with np.load(io.BytesIO(vtk_to_numpy(everywhere).tobytes())) as arrays:
-            return dict(arrays)
+        with np.load(io.BytesIO(vtk_to_numpy(everywhere).tobytes())) as received:
+            return dict(received)
 
     def largest(self, value):
         """The largest of the ranks' values, on all of them."""

@@ -7,7 +7,6 @@ Three passes; in the first and the last each rank has a contiguous share:
 In the end the first rank writes what concerns all snapshots: forces.csv, run.json, report/.
 The results do not depend on the number of ranks, nor on when a run was interrupted: what one snapshot learns from another is fixed by BLOCK.
 """
-import contextlib
 import hashlib
 import itertools
 import json
@@ -150,8 +149,7 @@ class Run:
             for folder in ("snapshots", "sphere", "fields", "wake", "report"):
                 shutil.rmtree(self.path(folder), ignore_errors=True)
             for name in ("trajectory.csv", "forces.csv", "sphere.pvd", "fields.pvd", "run.json", "trajectory.vtp", "trajectory.dat"):
-                if os.path.exists(self.path(name)):
-                    os.remove(self.path(name))
+                files.remove(self.path(name))
         for folder in ("snapshots", "sphere", "report") + ("fields",) * self.with_fields + ("wake",) * self.with_wake:
             os.makedirs(self.path(folder), exist_ok=True)
         files.write_json(earlier, settings)
@@ -185,8 +183,7 @@ class Run:
     def forget(self, block):
         """A block is searched as a whole, or not at all."""
         for k in block:
-            with contextlib.suppress(FileNotFoundError):
-                os.remove(self.record_path(k))
+            files.remove(self.record_path(k))
 
     def lost_runs(self, records):
         """What was lost when nothing else was known yet, at the beginnings of blocks: (the last find before, neighbouring snapshots, the
@@ -305,8 +302,7 @@ class Run:
 
     def keep_flow(self, k, body, flow, sphere, wake=None):
         """The record last: a snapshot that has it is done."""
-        with contextlib.suppress(FileNotFoundError):  # of another path; without --movie no new one replaces it
-            os.remove(self.wake_path(k))
+        self.written(lambda: files.remove(self.wake_path(k)), f"snapshot {k}")  # of another path; without --movie no new one replaces it
         surface = pipeline.sphere(body) if flow.surface is None else flow.surface
         reasons = [flow.failed, self.written(lambda: pipeline.write_polydata(self.sphere_path(k), surface), f"snapshot {k}")]
         if self.with_fields and flow.image is not None:

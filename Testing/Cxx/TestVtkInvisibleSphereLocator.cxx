@@ -218,6 +218,8 @@ TEST(VtkInvisibleSphereLocator, AllTimesTogetherAreTruerAndTellTheRotation) {
   for (int a = 0; a < 3; ++a)
     EXPECT_EQ(s.output(1)->GetFieldData()->GetArray("Centre")->GetComponent(0, a),
               s.output(2)->GetPointData()->GetArray("RawCentre")->GetComponent(4, a));
+  EXPECT_EQ(s.output(1)->GetPointData()->GetArray("VelocitySigma")->GetComponent(0, 1),
+            s.output(2)->GetPointData()->GetArray("VelocitySigma")->GetComponent(4, 1));
 
   s.locator->JointTrajectoryOff();
   s.at(4);

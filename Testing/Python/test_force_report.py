@@ -70,7 +70,7 @@ class TestForces(unittest.TestCase):
         self.assertIn("no change of the drag", sentences(assembled(*steady)))
         self.assertIn("more than two standard deviations", sentences(assembled(*[record(1.1, volume=1.3)] * 4)))
         self.assertIn("the drag changes over the recording", sentences(assembled(*(record(1 + 0.05 * k) for k in range(12)))))
-        self.assertIn("the change may be real", sentences(assembled(*(record(1 + 0.002 * k) for k in range(12)))))
+        self.assertIn("The change may be real", sentences(assembled(*(record(1 + 0.002 * k) for k in range(12)))))
         self.assertIn("this is noise", sentences(assembled(*(record(1.1 + 0.1 * (-1)**k) for k in range(12)))))
 
     def test_notes_are_gathered(self):

@@ -134,6 +134,11 @@ class TestMovie(unittest.TestCase):
             self.assertTrue(os.path.exists(run.flow_record_path(3)))
             self.assertFalse(os.path.exists(run.wake_path(3)))
 
+    def test_another_uncertainty_of_the_velocity_is_another_sphere(self):
+        other = trajectory([0, 0])
+        other.velocity_sigma = 2 * other.velocity_sigma
+        self.assertNotEqual(other.digest(0), trajectory([0, 0]).digest(0))
+
     def test_without_a_sphere_there_is_no_movie(self):
         with tempfile.TemporaryDirectory() as out:
             self.assertEqual(movie.draw(out, trajectory([2, 2]), None, (0, 1, 0)), [(3, "the sphere is lost"), (4, "the sphere is lost")])
