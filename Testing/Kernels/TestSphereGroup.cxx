@@ -44,11 +44,12 @@ TEST(SphereGroup, EqualSpheresStayThemselvesWhenTheyPass) {
     ASSERT_TRUE(group[0].known().at(1e-3 * k).found && group[1].known().at(1e-3 * k).found) << k;
   }
   const bool first = (centre(group, 0, 0) - a(0)).norm() < (centre(group, 0, 0) - b(0)).norm();
-  double square = 0; // over 60 sets of tracers: rms 0.011 to 0.019 d, the farthest of 1920 centres 0.065 d
+  double square =
+      0; // over 60 sets of tracers: rms 0.011 to 0.019 d; of 1920 centres 1 in 140 is beyond 0.04 d
   for (int k = 0; k < 16; ++k) {
     const double errorA = (centre(group, first ? 0 : 1, k) - a(k)).norm();
     const double errorB = (centre(group, first ? 1 : 0, k) - b(k)).norm();
-    EXPECT_LT(std::max(errorA, errorB), 0.1 * D) << k; // the other sphere is 1.1 d away or farther
+    EXPECT_LT(std::max(errorA, errorB), 0.04 * D) << k; // the other sphere is 1.1 d away or farther
     square += (errorA * errorA + errorB * errorB) / 32;
   }
   EXPECT_LT(std::sqrt(square), 0.025 * D);

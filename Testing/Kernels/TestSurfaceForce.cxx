@@ -256,6 +256,8 @@ TEST(SurfaceForce, ACoarseGridIsLessCertain) {
     flow.viscosity = viscosity;
     const ForceResult r = surfaceForce(f.view(), flow.body, fluidOf(flow));
     note = r.note;
+    EXPECT_NEAR(r.pressureForce.sigma.norm(), 0.04 * r.pressureForce.value.norm(), 1e-9);
+    EXPECT_GE(r.controlVolume.sigma.norm(), 0.02 * r.controlVolume.value.norm());
     return r.friction.sigma.norm() / r.friction.value.norm();
   };
   EXPECT_NEAR(relativeSigma(1e-3), 0.06, 0.001);

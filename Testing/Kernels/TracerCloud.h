@@ -4,11 +4,12 @@
 #include <random>
 #include <vector>
 
-/// Three random numbers, drawn in the order x, y, z: that of a call's arguments is up to the compiler.
+/// Three random numbers, drawn in the order z, y, x on every compiler; that of a call's arguments is up to
+/// it.
 template <class Distribution>
 Eigen::Vector3d threeOf(Distribution& distribution, std::mt19937& random) {
   Eigen::Vector3d out;
-  for (double& x : out) x = distribution(random);
+  for (int a = 2; a >= 0; --a) out[a] = distribution(random);
   return out;
 }
 
